@@ -1,0 +1,68 @@
+# Every target starts from a bare machine: Python 3.11 or newer with venv, a C++ compiler, make.
+#   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
+#   make test          all tests, on the MuJoCo that dm_control supports
+#   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
+#   make bench         steps per second and precomputation times
+#   make lint          what CI and pre-commit hold the code to
+
+PYTHON3 ?= python3
+VENV := .venv
+VENV4 := .venv-mujoco4
+MUJOCO := 3.17.0
+MUJOCO4 := 4.0.0
+
+PIP_INSTALL := -m pip install -q --disable-pip-version-check
+# The way MuJoCo draws without a display: MUJOCO_GL if it is set, else the first that works.
+define draw
+MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.doctor import working_backend as w; print(w() or "")')
+endef
+
+.PHONY: demo test test-mujoco4 bench lint format clean
+
+demo: $(VENV)/installed
+	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
+
+test: $(VENV)/installed
+	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q
+
+test-mujoco4: $(VENV4)/installed
+	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q -m "not dm_control"
+
+bench: $(VENV)/installed
+	$(VENV)/bin/python -m mjframes.bench
+
+lint: $(VENV)/installed-lint
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/pyright
+	$(VENV)/bin/clang-format --dry-run -Werror plugin/*.cc plugin/*.h
+	$(VENV)/bin/cmake -S plugin -B build/lint -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python -DCMAKE_COMPILE_WARNING_AS_ERROR=ON
+	$(VENV)/bin/cmake --build build/lint --parallel
+
+format: $(VENV)/installed-lint
+	$(VENV)/bin/ruff check --fix
+	$(VENV)/bin/ruff format
+	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h
+
+clean:
+	rm -rf $(VENV) $(VENV4) build dist out .pytest_cache .ruff_cache
+
+$(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
+	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,test]" mujoco==$(MUJOCO)
+	touch $@
+
+$(VENV)/installed-lint: $(VENV)/installed
+	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,dev]" mujoco==$(MUJOCO)
+	touch $@
+
+$(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip
+	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,video,log,plot,test]" mujoco==$(MUJOCO4)
+	touch $@
+
+%/bin/pip:
+	@command -v $(PYTHON3) > /dev/null || { echo "$(PYTHON3) is missing: apt-get install python3" >&2; exit 1; }
+	@$(PYTHON3) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "$(PYTHON3) is older than 3.11; name a newer one: make PYTHON3=python3.12" >&2; exit 1; }
+	@$(PYTHON3) -c 'import ensurepip, venv' 2> /dev/null \
+	  || { echo "$(PYTHON3) cannot make environments: apt-get install python3-venv" >&2; exit 1; }
+	$(PYTHON3) -m venv $*

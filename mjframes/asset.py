@@ -1,0 +1,120 @@
+"""Saved soft bodies: one compressed .npz with the arrays of `SoftBody`, ragged ones laid end to end."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+import zlib
+from dataclasses import asdict
+
+import numpy as np
+from scipy import sparse
+
+from mjframes.body import ContactSpheres, Skin, SoftBody
+from mjframes.constants import FORMAT_VERSION
+from mjframes.control import ControlPoints
+from mjframes.errors import MjframesError
+from mjframes.files import replacing
+from mjframes.material import Material
+from mjframes.stiffness import Stiffness
+
+KIND = "mjframes soft body"
+
+
+def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
+    """Write `body` to an .npz file. Raises MjframesError where that cannot be done."""
+    stiffness = body.stiffness
+    arrays = {
+        "kind": np.array(KIND),
+        "version": np.array(FORMAT_VERSION),
+        "parent": body.parent,
+        "control_frame": body.control.frame,
+        "control_rest": body.control.rest,
+        "control_mass": body.control.mass,
+        "control_basis": body.control.basis,
+        "region_size": np.array([len(points) for points in stiffness.points]),
+        "region_points": np.concatenate(stiffness.points),
+        "region_gradient": np.concatenate(stiffness.gradient),
+        "region_matrix": np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix]),
+        "region_volume": stiffness.volume,
+        "fit_error": body.fit_error,
+        "skin_vertices": body.skin.vertices,
+        "skin_faces": body.skin.faces,
+        "skin_label": body.skin.label,
+        "contact_centers": body.contact.centers,
+        "contact_radius": np.array(body.contact.radius),
+        "damping": np.array(body.damping),
+        "voxels": np.array(body.voxels),
+        "materials": np.array(json.dumps({label: asdict(m) for label, m in body.materials.items()})),
+    }
+    for name, weights in (("skin", body.skin.weights), ("contact", body.contact.weights)):
+        arrays |= {f"{name}_weight": weights.data, f"{name}_index": weights.indices, f"{name}_row": weights.indptr}
+    with replacing(path, "the soft body") as partial, open(partial, "wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def load(path: str | os.PathLike[str]) -> SoftBody:
+    """Read a soft body. Raises MjframesError for files that are missing, damaged, of another kind or version."""
+    arrays = _read(path)
+    points = len(arrays["control_frame"])
+
+    def weights(name: str) -> sparse.csr_array:
+        parts = (arrays[f"{name}_weight"], arrays[f"{name}_index"], arrays[f"{name}_row"])
+        return sparse.csr_array(parts, shape=(len(parts[2]) - 1, points))
+
+    size = arrays["region_size"]
+    ends = np.cumsum(size)[:-1]
+    matrices = np.split(arrays["region_matrix"], np.cumsum(3 * size * (3 * size + 1) // 2)[:-1])
+    materials = json.loads(str(arrays["materials"]))
+    return SoftBody(
+        parent=arrays["parent"],
+        control=ControlPoints(
+            arrays["control_frame"], arrays["control_rest"], arrays["control_mass"], arrays["control_basis"]
+        ),
+        stiffness=Stiffness(
+            points=tuple(np.split(arrays["region_points"], ends)),
+            gradient=tuple(np.split(arrays["region_gradient"], ends)),
+            matrix=tuple(_symmetric(lower, 3 * int(m)) for lower, m in zip(matrices, size, strict=True)),
+            volume=arrays["region_volume"],
+        ),
+        fit_error=arrays["fit_error"],
+        skin=Skin(arrays["skin_vertices"], arrays["skin_faces"], arrays["skin_label"], weights("skin")),
+        contact=ContactSpheres(arrays["contact_centers"], float(arrays["contact_radius"]), weights("contact")),
+        materials={int(label): Material(**{**m, "rgba": tuple(m["rgba"])}) for label, m in materials.items()},
+        damping=(float(arrays["damping"][0]), float(arrays["damping"][1])),
+        voxels=int(arrays["voxels"]),
+    )
+
+
+def lower_triangle(matrix: np.ndarray) -> np.ndarray:
+    """(n (n + 1) / 2,) the lower triangle of a symmetric (n, n) matrix, row by row."""
+    return matrix[np.tril_indices(len(matrix))]
+
+
+def _symmetric(lower: np.ndarray, n: int) -> np.ndarray:
+    matrix = np.zeros((n, n))
+    rows, columns = np.tril_indices(n)
+    matrix[rows, columns] = lower
+    matrix[columns, rows] = lower
+    return matrix
+
+
+def _read(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+    """All arrays of the file, after the checks that make them trustworthy."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            # reading all of them checks the archive's checksums
+            arrays = {name: file[name] for name in file.files}
+    except OSError as error:
+        raise MjframesError(f"{path}: the soft body cannot be read ({error.strerror or error}).") from error
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, AttributeError) as error:
+        raise MjframesError(f"{path}: the file is truncated or damaged or no soft body; build it again.") from error
+    if str(arrays.get("kind", "")) != KIND:
+        raise MjframesError(f"{path}: this .npz holds no soft body; give one that mjframes build or SoftBody.save wrote.")
+    version = int(arrays["version"])
+    if version != FORMAT_VERSION:
+        raise MjframesError(
+            f"{path}: the soft body has format version {version}, this mjframes reads {FORMAT_VERSION}; build it again."
+        )
+    return arrays

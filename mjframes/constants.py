@@ -1,0 +1,8 @@
+"""Constants of the precomputation; each carries its unit and its reason."""
+
+FORMAT_VERSION = 1  # of saved soft bodies and of the plugin's configuration; a plugin refuses any other
+
+RIGID_YOUNG = 1e10  # [Pa] cortical bone: what keeps an affine frame inside a rigid material rigid
+RIGID_POISSON = 0.3  # [-] cortical bone
+
+NEGLIGIBLE_WEIGHT = 1e-3  # [-] smaller weights are dropped: a displacement error of a thousandth of the frame's own

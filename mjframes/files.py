@@ -1,0 +1,33 @@
+"""Output files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mjframes.errors import MjframesError
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], what: str) -> Iterator[Path]:
+    """A temporary path beside `path`, with its ending, that takes its place when the block succeeds and goes when not.
+
+    Makes missing parent directories.  Raises MjframesError, `what` ("the log") cannot be written, for what the system
+    refuses, before the block runs where that is known.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(None, "it is a directory")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.touch()
+        try:
+            yield partial
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        raise MjframesError(f"{path}: {what} cannot be written there ({error.strerror or error}).") from error

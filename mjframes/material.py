@@ -1,0 +1,55 @@
+"""Linear isotropic materials: Hooke's law σ = λ tr(ε) I + 2 μ ε (the paper, §2), and the compliance 1/E of §4.1."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mjframes.constants import RIGID_POISSON, RIGID_YOUNG
+from mjframes.errors import MjframesError
+
+
+@dataclass(frozen=True)
+class Material:
+    """One material of a volume.
+
+    young: Young's modulus [Pa], > 0.  poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.  density: [kg/m³], > 0.
+    name, rgba: how it is called and drawn.  is_rigid: made by `Material.rigid`.
+    Raises MjframesError for values outside these ranges.
+    """
+
+    young: float
+    poisson: float
+    density: float
+    name: str = ""
+    rgba: tuple[float, float, float, float] = (0.8, 0.6, 0.55, 1.0)
+    is_rigid: bool = False
+
+    def __post_init__(self) -> None:
+        of = f" of material {self.name!r}" if self.name else ""
+        if not (math.isfinite(self.young) and self.young > 0):
+            raise MjframesError(f"young{of} is {self.young!r}; it must be a positive Young's modulus in pascals.")
+        if not (math.isfinite(self.poisson) and 0 <= self.poisson < 0.5):
+            raise MjframesError(f"poisson{of} is {self.poisson!r}; it must lie in [0, 0.5), for flesh take 0.45.")
+        if not (math.isfinite(self.density) and self.density > 0):
+            raise MjframesError(f"density{of} is {self.density!r}; it must be a positive density in kg/m³.")
+        if len(self.rgba) != 4 or not all(0 <= c <= 1 for c in self.rgba):
+            raise MjframesError(f"rgba{of} is {self.rgba!r}; it must be four numbers between 0 and 1.")
+
+    @classmethod
+    def rigid(
+        cls, density: float, *, name: str = "", rgba: tuple[float, float, float, float] = (0.93, 0.9, 0.8, 1.0)
+    ) -> Material:
+        """A material that does not deform: all its points share one weight vector (the paper, §4.4)."""
+        return cls(RIGID_YOUNG, RIGID_POISSON, density, name=name, rgba=rgba, is_rigid=True)
+
+    @property
+    def compliance(self) -> float:
+        """1/E [1/Pa] for the compliance distance (5); 0 for a rigid material."""
+        return 0.0 if self.is_rigid else 1.0 / self.young
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """Lamé's (λ, μ) [Pa]."""
+        e, nu = self.young, self.poisson
+        return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))

@@ -1,0 +1,229 @@
+"""The volume: a material label per voxel, M(p̄) = materials[labels[a, b, c]] (the paper, §4: material maps).
+
+Voxel (a, b, c) fills origin + axes · (spacing ∘ [a, a+1] × [b, b+1] × [c, c+1]); label 0 is outside. All is SI.
+First stage of the pipeline: labels and materials in, a `Volume` out, valid by construction.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import ArrayLike, NDArray
+
+from mjframes.constants import FORMAT_VERSION
+from mjframes.errors import MjframesError
+from mjframes.images import LabelImage, read_image, write_materials
+from mjframes.material import Material
+
+ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
+LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Labelled voxels.
+
+    labels: (nx, ny, nz) unsigned integers, 0 outside.  spacing: (3,) [m].  origin: (3,) [m], corner of voxel (0, 0, 0).
+    axes: (3, 3) proper rotation, column a is the direction of index axis a.
+    materials: the material of every label that occurs (others may be there too).
+    Raises MjframesError where one of them is not so, and for a volume with nothing inside.
+    """
+
+    labels: NDArray[np.unsignedinteger]
+    spacing: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    materials: dict[int, Material]
+
+    def __post_init__(self) -> None:
+        labels = np.asarray(self.labels)
+        if labels.ndim != 3:
+            raise MjframesError(f"labels have shape {labels.shape}; they must be an (nx, ny, nz) array of integers.")
+        if labels.dtype.kind != "u":
+            raise MjframesError(
+                f"labels are {labels.dtype}; pass them through Volume.from_labels, which converts them."
+            )
+        for name in ("spacing", "origin"):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (3,) or not np.isfinite(value).all() or (name == "spacing" and (value <= 0).any()):
+                kind = "three positive lengths" if name == "spacing" else "three coordinates"
+                raise MjframesError(f"{name} is {value.tolist()}; it must be {kind} in metres.")
+        axes = np.asarray(self.axes)
+        if axes.shape != (3, 3) or not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6) or np.linalg.det(axes) < 0:
+            raise MjframesError(f"axes are {axes.tolist()}; they must be a proper rotation matrix.")
+        _check_materials(_occurring(labels), self.materials)
+
+    @classmethod
+    def from_labels(
+        cls,
+        labels: ArrayLike | str | os.PathLike[str],
+        spacing: ArrayLike | None = None,
+        materials: Mapping[int, Material] | None = None,
+        origin: ArrayLike | None = None,
+    ) -> Volume:
+        """A volume from an array of labels or from a label image (.npz, .nrrd, .nii, .nii.gz).
+
+        labels: (nx, ny, nz), non-negative integers (or floats with integral values), 0 outside; or a path.
+        spacing: voxel size [m], one number or three; an array needs it, a file's own is overridden by it.
+        materials: one for every label that occurs; a file saved with materials needs none, or has them replaced.
+        origin: (3,) [m], corner of voxel (0, 0, 0); default the file's, else 0.
+        An image's coordinates are kept as they are (NIfTI: RAS; NRRD: its `space`). Where its axes are left-handed,
+        one array axis is reversed; sheared axes are refused.
+        Raises MjframesError for all that cannot be used.
+        """
+        if isinstance(labels, (str, os.PathLike)):
+            image, source = read_image(Path(labels)), f"{os.fspath(labels)}: "
+        else:
+            image, source = LabelImage(_array(labels)), ""
+        array = _shrink(source, image.labels)
+        if (step := image.spacing if spacing is None else spacing) is None:
+            raise MjframesError(f"{source}spacing is missing; pass spacing=, the edge of a voxel in metres.")
+        step = _spacing(source, step)
+        axes = _orthonormal(source, image.axes)
+        corner = np.zeros(3)
+        if image.origin is not None:
+            corner = _vector(f"{source}origin", image.origin) - axes @ step * image.origin_index
+        if np.linalg.det(axes) < 0:
+            a = int(np.argmin(np.diag(axes)))  # of the three reversals the one that leaves the smallest rotation
+            corner = corner + axes[:, a] * step[a] * array.shape[a]
+            axes[:, a] *= -1
+            array = np.flip(array, a)
+        if origin is not None:
+            corner = _vector("origin", origin)
+        found = materials if materials is not None else image.materials or {}
+        if not isinstance(found, Mapping):
+            raise MjframesError(f"materials is {found!r}; it must map labels to Material, as in {{1: Material(...)}}.")
+        try:
+            return cls(np.ascontiguousarray(array), step, corner, axes, dict(found))
+        except MjframesError as error:
+            raise MjframesError(f"{source}{error}") from error
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the volume and its materials to a .npz file, all of it or nothing.
+
+        Raises MjframesError for another file type and if the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() != ".npz":
+            raise MjframesError(f"{path}: a volume is saved as .npz; give the path that ending.")
+        arrays: dict[str, Any] = {"labels": self.labels, "spacing": self.spacing, "origin": self.origin}
+        arrays |= {"axes": self.axes, "materials": write_materials(self.materials), "format_version": FORMAT_VERSION}
+        partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        try:
+            with partial.open("wb") as file:
+                np.savez_compressed(file, **arrays)
+            os.replace(partial, path)
+        except OSError as error:
+            raise MjframesError(f"{path}: the volume cannot be written there ({error.strerror}).") from error
+        finally:
+            partial.unlink(missing_ok=True)
+
+    def largest_component(self) -> Volume:
+        """The volume without all pieces but the one with the most voxels (26 neighbours)."""
+        pieces, sizes = _components(self.labels)
+        return replace(self, labels=np.where(pieces == 1 + np.argmax(sizes), self.labels, 0).astype(self.labels.dtype))
+
+
+def require_connected(volume: Volume) -> None:
+    """Raises MjframesError unless the inside is one piece: no distance and no weight crosses a gap (26 neighbours)."""
+    sizes = np.sort(_components(volume.labels)[1])[::-1]
+    if len(sizes) > 1:
+        shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
+        raise MjframesError(
+            f"labels have {len(sizes)} unconnected pieces, sizes {shown} voxels; "
+            "keep the largest with volume.largest_component() or bridge them."
+        )
+
+
+def _components(labels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Piece of each voxel (nx, ny, nz), 0 outside and from 1 on inside, and the voxels of each piece (pieces,)."""
+    pieces = np.empty(labels.shape, np.int32)
+    count = int(scipy.ndimage.label(labels != 0, structure=np.ones((3, 3, 3)), output=pieces))  # pyright: ignore[reportArgumentType]
+    sizes = np.zeros(count + 1, np.int64)
+    for slab in pieces:  # bincount makes an int64 copy: one slab at a time
+        sizes += np.bincount(slab.ravel(), minlength=count + 1)
+    return pieces, sizes[1:]
+
+
+def _occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
+    found: set[int] = set()
+    for slab in labels:  # a slab at a time: sorting all of a large image needs as much memory again
+        found.update(np.unique(slab).tolist())
+    return sorted(found - {0})
+
+
+def _check_materials(present: list[int], materials: Mapping[int, Material]) -> None:
+    if not present:
+        raise MjframesError("labels are all 0, which is outside; at least one voxel must have a positive label.")
+    for label, material in materials.items():
+        if not isinstance(label, (int, np.integer)) or label < 1 or not isinstance(material, Material):
+            raise MjframesError(f"materials has {label!r}: {material!r}; it must map positive labels to Material.")
+    if missing := [label for label in present if label not in materials]:
+        which = f"label {missing[0]} has" if len(missing) == 1 else f"labels {', '.join(map(str, missing))} have"
+        raise MjframesError(f"{which} no material; give one in materials={{label: Material(...)}} or set them to 0.")
+
+
+def _array(labels: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.asarray(labels)
+    except ValueError as error:
+        raise MjframesError("labels are rows of different lengths; they must be an (nx, ny, nz) array.") from error
+
+
+def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
+    """A copy of the labels in the smallest unsigned type that holds them."""
+    if labels.ndim != 3:
+        raise MjframesError(
+            f"{source}labels have shape {labels.shape}; they must be an (nx, ny, nz) array of integers."
+        )
+    if labels.dtype.kind not in "biuf":
+        raise MjframesError(f"{source}labels are {labels.dtype}; they must be integers, one material label per voxel.")
+    if labels.size == 0:
+        raise MjframesError(f"{source}labels have shape {labels.shape}; every side needs at least one voxel.")
+    low, high = labels.min(), labels.max()
+    if not (low >= 0 and high <= LARGEST_LABEL):  # so that NaN fails too
+        raise MjframesError(
+            f"{source}labels run from {low} to {high}; they must be integers from 0 (outside) to {LARGEST_LABEL}."
+        )
+    result = labels.astype(np.min_scalar_type(int(high)))
+    if labels.dtype.kind == "f" and not np.array_equal(result, labels):
+        value = labels[result != labels][0]
+        raise MjframesError(f"{source}labels contain {value}; they must be integers, one material label per voxel.")
+    return result
+
+
+def _spacing(source: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        spacing = np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
+    except (TypeError, ValueError):
+        spacing = np.full(3, np.nan)
+    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
+        raise MjframesError(f"{source}spacing is {value!r}; it must be one or three positive lengths in metres.")
+    return spacing
+
+
+def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        vector = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(3, np.nan)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise MjframesError(f"{name} is {value!r}; it must be three coordinates in metres.")
+    return vector
+
+
+def _orthonormal(source: str, axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nearest orthogonal matrix: headers hold rounded directions."""
+    if axes.shape != (3, 3) or not np.isfinite(axes).all() or np.abs(axes.T @ axes - np.eye(3)).max() > ORTHOGONAL:
+        raise MjframesError(
+            f"{source}the directions of its index axes are {np.round(axes, 4).tolist()} (columns), which are not "
+            "perpendicular unit vectors; resample the image to a grid without shear."
+        )
+    u, _, vt = np.linalg.svd(axes)
+    return u @ vt

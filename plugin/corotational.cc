@@ -1,0 +1,199 @@
+#include "corotational.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "multiversion.h"
+#include "rotation.h"
+
+namespace mjframes {
+namespace {
+
+// Below this smallest eigenvalue of H the rotation is ill determined (flattened or inverted region) and a
+// rotation fitted to the shape takes over, weighted by λ = (kSoftTwist − h_min) / kSoftTwist; at rest h_min = 2.
+constexpr double kSoftTwist = 0.1;  // [-]
+
+// product = K rhs for four right-hand sides at once; K symmetric, n rows.
+MJFRAMES_MULTIVERSION
+void MultiplyFour(const double* __restrict K, const double* __restrict rhs, double* __restrict product, int n) {
+  std::fill(product, product + 4 * n, 0.0);
+  double* __restrict p0 = product;
+  double* __restrict p1 = product + n;
+  double* __restrict p2 = product + 2 * n;
+  double* __restrict p3 = product + 3 * n;
+  for (int i = 0; i < n; i++) {
+    const double* __restrict row = K + static_cast<size_t>(i) * n;
+    const double a = rhs[i], b = rhs[n + i], c = rhs[2 * n + i], d = rhs[3 * n + i];
+    for (int j = 0; j < n; j++) {
+      const double k = row[j];
+      p0[j] += k * a;
+      p1[j] += k * b;
+      p2[j] += k * c;
+      p3[j] += k * d;
+    }
+  }
+}
+
+// One row of blocks: out = R (K_jk − V_j N_k − N_jᵀ V_kᵀ) Rᵀ for k = 0 … count − 1.
+MJFRAMES_MULTIVERSION
+void ProjectRow(const double* __restrict K, const double* __restrict N, const double* __restrict V,
+                const double* __restrict Nj, const double* __restrict Vj, const double* __restrict R,
+                double* __restrict out, int count, int stride, int padded) {
+  for (int k = 0; k < count; k++) {
+    double b[9], c[9];
+    for (int r = 0; r < 3; r++) {
+      for (int s = 0; s < 3; s++) {
+        double sum = K[(3 * r + s) * stride + k];
+        for (int t = 0; t < 3; t++) {
+          sum -= Vj[3 * r + t] * N[(3 * t + s) * padded + k] + Nj[3 * t + r] * V[(3 * s + t) * padded + k];
+        }
+        b[3 * r + s] = sum;
+      }
+    }
+    for (int r = 0; r < 3; r++) {
+      for (int s = 0; s < 3; s++) {
+        c[3 * r + s] = R[3 * r] * b[s] + R[3 * r + 1] * b[3 + s] + R[3 * r + 2] * b[6 + s];
+      }
+    }
+    for (int r = 0; r < 3; r++) {
+      for (int s = 0; s < 3; s++) {
+        out[(3 * r + s) * stride + k] = c[3 * r] * R[3 * s] + c[3 * r + 1] * R[3 * s + 1] + c[3 * r + 2] * R[3 * s + 2];
+      }
+    }
+  }
+}
+
+int Padded(int m) { return BlockStride(m - 1); }
+
+}  // namespace
+
+int BlockOffset(int j) {
+  // rows come in groups of kLane with the same stride
+  const int group = j / kLane, rest = j % kLane;
+  return 9 * (kLane * kLane * group * (group + 1) / 2 + rest * BlockStride(j));
+}
+
+RegionScratch::RegionScratch(int max_points)
+    : rhs(12 * max_points),
+      product(12 * max_points),
+      z(max_points),
+      h(max_points),
+      n(9 * Padded(std::max(1, max_points))),
+      v(9 * Padded(std::max(1, max_points))),
+      blocks(BlockOffset(max_points)) {}
+
+Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
+  Mat3 F{};
+  for (int j = 0; j < region.size(); j++) {
+    const Vec3& xj = x[region.point[j]];
+    const Vec3& g = region.gradient[j];
+    for (int r = 0; r < 3; r++) {
+      for (int c = 0; c < 3; c++) F[3 * r + c] += xj[r] * g[c];
+    }
+  }
+  return ClosestRotation(F, guess);
+}
+
+void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch, Vec3* force,
+               double* pair_stiffness) {
+  const int m = region.size();
+  const int n = 3 * m;
+
+  // z = Rᵀ x centred: positions far from the origin would cost digits, translations carry no energy
+  Vec3 mean{};
+  for (int j = 0; j < m; j++) mean = mean + x[region.point[j]];
+  mean = (1.0 / m) * mean;
+  Vec3* z = scratch->z.data();
+  Mat3 S{};
+  for (int j = 0; j < m; j++) {
+    z[j] = MulT(R, x[region.point[j]] - mean);
+    for (int r = 0; r < 3; r++) {
+      for (int c = 0; c < 3; c++) S[3 * r + c] += z[j][r] * region.gradient[j][c];
+    }
+  }
+  S[1] = S[3] = 0.5 * (S[1] + S[3]);
+  S[2] = S[6] = 0.5 * (S[2] + S[6]);
+  S[5] = S[7] = 0.5 * (S[5] + S[7]);
+  const double lambda = std::max(0.0, kSoftTwist - SmallestTwist(S)) / kSoftTwist;
+
+  // A_j = [h_j]×, h_j = ḡ_j + 2 λ z_j / Σ|x̄|²;   A Z = Σ_j (h_j·z_j) I − z_j h_jᵀ
+  Vec3* h = scratch->h.data();
+  Mat3 AZ{};
+  for (int j = 0; j < m; j++) {
+    h[j] = region.gradient[j] + (2 * lambda * region.inverse_extent) * z[j];
+    const double hz = Dot(h[j], z[j]);
+    for (int r = 0; r < 3; r++) {
+      AZ[4 * r] += hz;
+      for (int c = 0; c < 3; c++) AZ[3 * r + c] -= z[j][r] * h[j][c];
+    }
+  }
+  // a region collapsed onto a point or a line has no rotation to correct for
+  const bool regular = std::abs(Det(AZ)) > 1e-12;
+  const Mat3 inverse = regular ? Inverse(AZ) : Mat3{};
+
+  // columns: y, and Z: (Z a)_j = a × z_j
+  double* rhs = scratch->rhs.data();
+  double* product = scratch->product.data();
+  for (int j = 0; j < m; j++) {
+    for (int r = 0; r < 3; r++) rhs[3 * j + r] = z[j][r] - region.rest[j][r];
+    const Mat3 Zj = Skew(-1.0 * z[j]);
+    for (int c = 0; c < 3; c++) {
+      for (int r = 0; r < 3; r++) rhs[(1 + c) * n + 3 * j + r] = Zj[3 * r + c];
+    }
+  }
+  MultiplyFour(region.stiffness.data(), rhs, product, n);
+
+  // f_j = −R (w_j + h_j × s), w = K_e y, s = (A Z)⁻ᵀ Zᵀ w
+  Vec3 torque{};
+  for (int j = 0; j < m; j++) {
+    torque = torque + Cross(z[j], {product[3 * j], product[3 * j + 1], product[3 * j + 2]});
+  }
+  const Vec3 s = MulT(inverse, torque);
+  for (int j = 0; j < m; j++) {
+    const Vec3 w = {product[3 * j], product[3 * j + 1], product[3 * j + 2]};
+    force[region.point[j]] = force[region.point[j]] - Mul(R, w + Cross(h[j], s));
+  }
+  if (!pair_stiffness) return;
+
+  // N_j = (A Z)⁻¹ [h_j]×,  U = K_e Z,  V_j = U_j − ½ N_jᵀ (Zᵀ U):   Pᵀ K_e P = K_e − V N − (V N)ᵀ
+  Mat3 ZU{};
+  for (int j = 0; j < m; j++) {
+    for (int c = 0; c < 3; c++) {
+      const double* u = product + (1 + c) * n + 3 * j;
+      const Vec3 column = Cross(z[j], {u[0], u[1], u[2]});
+      for (int r = 0; r < 3; r++) ZU[3 * r + c] += column[r];
+    }
+  }
+  const int padded = Padded(m);
+  double* N = scratch->n.data();
+  double* V = scratch->v.data();
+  for (int j = 0; j < m; j++) {
+    const Mat3 Nj = Mul(inverse, Skew(h[j]));
+    const Mat3 correction = Mul(Transpose(Nj), ZU);
+    for (int r = 0; r < 3; r++) {
+      for (int c = 0; c < 3; c++) {
+        N[(3 * r + c) * padded + j] = Nj[3 * r + c];
+        V[(3 * r + c) * padded + j] = product[(1 + c) * n + 3 * j + r] - 0.5 * correction[3 * r + c];
+      }
+    }
+  }
+  double* blocks = scratch->blocks.data();
+  const int32_t* pair = region.pair.data();
+  for (int j = 0; j < m; j++) {
+    double Nj[9], Vj[9];
+    for (int e = 0; e < 9; e++) {
+      Nj[e] = N[e * padded + j];
+      Vj[e] = V[e * padded + j];
+    }
+    const int stride = BlockStride(j);
+    const double* row = region.blocks.data() + BlockOffset(j);
+    double* out = blocks + BlockOffset(j);
+    ProjectRow(row, N, V, Nj, Vj, R.data(), out, j + 1, stride, padded);
+    for (int k = 0; k <= j; k++) {
+      double* target = pair_stiffness + 9 * static_cast<size_t>(*pair++);
+      for (int e = 0; e < 9; e++) target[e] += out[e * stride + k];
+    }
+  }
+}
+
+}  // namespace mjframes

@@ -1,0 +1,146 @@
+#include "distance.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mjframes {
+namespace {
+
+constexpr double kTiny = 1e-15;       // [m] below this an offset has no direction
+constexpr double kConverged = 1e-14;  // [-] residual of the ellipsoid's equation
+constexpr int kNewtonSteps = 50;      // far more than the flattest ellipsoid needs
+
+// Unit vector along v, or `otherwise` where v vanishes.
+Vec3 Direction(const Vec3& v, const Vec3& otherwise) {
+  const double norm = Norm(v);
+  return norm > kTiny ? (1 / norm) * v : otherwise;
+}
+
+double Sign(double x) { return x < 0 ? -1 : 1; }
+
+double Ball(const Vec3& offset, double radius, Vec3* normal) {
+  *normal = Direction(offset, {0, 0, 1});
+  return Norm(offset) - radius;
+}
+
+double Box(const Vec3& p, const Vec3& half, Vec3* normal) {
+  const Vec3 q = {std::abs(p[0]) - half[0], std::abs(p[1]) - half[1], std::abs(p[2]) - half[2]};
+  const int face = q[0] > q[1] ? (q[0] > q[2] ? 0 : 2) : (q[1] > q[2] ? 1 : 2);
+  Vec3 axis{};
+  axis[face] = Sign(p[face]);
+  if (q[face] <= 0) {
+    *normal = axis;
+    return q[face];
+  }
+  const Vec3 outside = {std::max(q[0], 0.0), std::max(q[1], 0.0), std::max(q[2], 0.0)};
+  *normal = Direction({Sign(p[0]) * outside[0], Sign(p[1]) * outside[1], Sign(p[2]) * outside[2]}, axis);
+  return Norm(outside);
+}
+
+double Cylinder(const Vec3& p, double radius, double half, Vec3* normal) {
+  const double rho = std::sqrt(p[0] * p[0] + p[1] * p[1]);
+  const Vec3 radial = rho > kTiny ? Vec3{p[0] / rho, p[1] / rho, 0} : Vec3{1, 0, 0};
+  const Vec3 axial = {0, 0, Sign(p[2])};
+  const double side = rho - radius, cap = std::abs(p[2]) - half;
+  if (side <= 0 || cap <= 0) {
+    *normal = side > cap ? radial : axial;
+    return std::max(side, cap);
+  }
+  *normal = Direction(side * radial + cap * axial, axial);
+  return std::sqrt(side * side + cap * cap);
+}
+
+// Closest point on an ellipsoid: x_i = r_i² p_i / (r_i² + t) with t the largest root of Σ (r_i p_i / (r_i² + t))² = 1.
+double Ellipsoid(const Vec3& p, const Vec3& radius, Vec3* normal) {
+  const auto shortest = std::min_element(radius.begin(), radius.end()) - radius.begin();
+  double t = -radius[shortest] * radius[shortest];
+  for (int i = 0; i < 3; i++) t = std::max(t, radius[i] * std::abs(p[i]) - radius[i] * radius[i]);
+  Vec3 closest{};
+  double excess = 0;
+  // the sum falls convexly in t, so Newton from its steep side converges monotonically
+  for (int step = 0; step < kNewtonSteps; step++) {
+    double slope = 0;
+    excess = -1;
+    for (int i = 0; i < 3; i++) {
+      const double denominator = radius[i] * radius[i] + t;
+      const double a = denominator > 0 ? radius[i] * p[i] / denominator : 0;
+      closest[i] = radius[i] * a;
+      excess += a * a;
+      if (denominator > 0) slope -= 2 * a * a / denominator;
+    }
+    if (!(excess > kConverged) || slope == 0) break;
+    t -= excess / slope;
+  }
+  // on the plane across the shortest axis the closest point may lie off that plane, on either side
+  if (excess < -kConverged) closest[shortest] = radius[shortest] * std::sqrt(-excess);
+  Vec3 gradient;
+  double level = -1;
+  for (int i = 0; i < 3; i++) {
+    gradient[i] = closest[i] / (radius[i] * radius[i]);
+    level += p[i] * p[i] / (radius[i] * radius[i]);
+  }
+  *normal = Direction(gradient, {0, 0, 1});
+  return (level < 0 ? -1 : 1) * Norm(p - closest);
+}
+
+}  // namespace
+
+GeomQuery::GeomQuery(const mjModel* m, const mjData* d, int geom)
+    : valid(true), model(m), data(d), type(m->geom_type[geom]), sdf_id(-1), plugin(nullptr) {
+  for (int i = 0; i < 3; i++) {
+    size[i] = m->geom_size[3 * geom + i];
+    position[i] = d->geom_xpos[3 * geom + i];
+  }
+  for (int i = 0; i < 9; i++) orientation[i] = d->geom_xmat[9 * geom + i];
+  if (type == mjGEOM_SDF && m->geom_plugin[geom] >= 0) {
+    plugin = mjc_getSDF(m, geom);
+    sdf_id = m->geom_plugin[geom];
+    valid = plugin->sdf_distance && plugin->sdf_gradient;
+  } else if (type == mjGEOM_SDF || type == mjGEOM_MESH) {
+    sdf_id = m->geom_dataid[geom];
+    valid = sdf_id >= 0 && m->mesh_octadr[sdf_id] >= 0;
+  } else if (type == mjGEOM_HFIELD) {
+    valid = false;
+  }
+}
+
+double GeomQuery::Distance(const Vec3& p, Vec3* normal) const {
+  const Vec3 local = MulT(orientation, p - position);
+  double distance = 0;
+  Vec3 n{};
+  switch (type) {
+    case mjGEOM_PLANE:
+      distance = local[2];
+      n = {0, 0, 1};
+      break;
+    case mjGEOM_SPHERE:
+      distance = Ball(local, size[0], &n);
+      break;
+    case mjGEOM_CAPSULE:
+      distance = Ball({local[0], local[1], local[2] - std::clamp(local[2], -size[1], size[1])}, size[0], &n);
+      break;
+    case mjGEOM_ELLIPSOID:
+      distance = Ellipsoid(local, size, &n);
+      break;
+    case mjGEOM_CYLINDER:
+      distance = Cylinder(local, size[0], size[1], &n);
+      break;
+    case mjGEOM_BOX:
+      distance = Box(local, size, &n);
+      break;
+    default: {
+      mjtGeom geom_type = static_cast<mjtGeom>(type);
+      const mjpPlugin* sdf_plugin = plugin;
+      int id = sdf_id;
+      mjSDF sdf = {&sdf_plugin, &id, mjSDFTYPE_SINGLE, nullptr, nullptr, &geom_type};
+      mjtNum gradient[3];
+      distance = mjc_distance(model, data, &sdf, local.data());
+      mjc_gradient(model, data, &sdf, gradient, local.data());
+      n = Direction({gradient[0], gradient[1], gradient[2]}, {0, 0, 1});
+    }
+  }
+  *normal = Mul(orientation, n);
+  return distance;
+}
+
+}  // namespace mjframes

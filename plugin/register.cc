@@ -1,0 +1,11 @@
+// Entry point of the library: registers the plugin and installs the collision hook when it is loaded.
+
+#include <mujoco/mujoco.h>
+
+#include "contact.h"
+#include "soft.h"
+
+mjPLUGIN_LIB_INIT(mjframes) {
+  mjframes::RegisterPlugin();
+  mjframes::InstallCollisionHook();
+}

@@ -1,0 +1,122 @@
+#include "rotation.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mjframes {
+namespace {
+
+constexpr int kNewtonSteps = 8;        // quadratic convergence: a guess within 1 rad needs 3 to 5
+constexpr double kConverged = 1e-8;    // [rad] quadratic convergence: the next correction is below rounding
+constexpr double kTrustRadius = 0.7;   // [rad] longest Newton correction that is followed
+constexpr int kJacobiSweeps = 12;      // a 4×4 symmetric matrix needs at most 6
+constexpr double kMinTwist = 1e-6;     // [-] relative to |F|: below, Newton's matrix is useless
+
+Mat3 FromQuaternion(const std::array<double, 4>& q) {
+  const double w = q[0], x = q[1], y = q[2], z = q[3];
+  return {w * w + x * x - y * y - z * z, 2 * (x * y - w * z),           2 * (x * z + w * y),
+          2 * (x * y + w * z),           w * w - x * x + y * y - z * z, 2 * (y * z - w * x),
+          2 * (x * z - w * y),           2 * (y * z + w * x),           w * w - x * x - y * y + z * z};
+}
+
+// Rotation by Newton's correction ω (a Cayley map: exact rotation, same first two orders as exp)
+Mat3 Cayley(const Vec3& omega) {
+  const double n = 1 / std::sqrt(1 + 0.25 * Dot(omega, omega));
+  return FromQuaternion({n, 0.5 * n * omega[0], 0.5 * n * omega[1], 0.5 * n * omega[2]});
+}
+
+// The largest eigenvector of Davenport's 4×4 matrix is the quaternion that maximises tr(Rᵀ F).
+Mat3 GlobalMaximum(const Mat3& F) {
+  double a[4][4] = {{F[0] + F[4] + F[8], F[7] - F[5], F[2] - F[6], F[3] - F[1]},
+                    {F[7] - F[5], F[0] - F[4] - F[8], F[1] + F[3], F[2] + F[6]},
+                    {F[2] - F[6], F[1] + F[3], F[4] - F[0] - F[8], F[5] + F[7]},
+                    {F[3] - F[1], F[2] + F[6], F[5] + F[7], F[8] - F[0] - F[4]}};
+  double v[4][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}};
+  for (int sweep = 0; sweep < kJacobiSweeps; sweep++) {
+    double off = 0, diagonal = 0;
+    for (int p = 0; p < 4; p++) {
+      diagonal += a[p][p] * a[p][p];
+      for (int q = p + 1; q < 4; q++) off += a[p][q] * a[p][q];
+    }
+    if (off <= 1e-30 * diagonal) break;
+    for (int p = 0; p < 3; p++) {
+      for (int q = p + 1; q < 4; q++) {
+        if (a[p][q] == 0) continue;
+        const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+        const double t = (theta >= 0 ? 1 : -1) / (std::abs(theta) + std::sqrt(theta * theta + 1));
+        const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+        for (int k = 0; k < 4; k++) {
+          const double kp = a[k][p], kq = a[k][q];
+          a[k][p] = c * kp - s * kq;
+          a[k][q] = s * kp + c * kq;
+        }
+        for (int k = 0; k < 4; k++) {
+          const double pk = a[p][k], qk = a[q][k];
+          a[p][k] = c * pk - s * qk;
+          a[q][k] = s * pk + c * qk;
+        }
+        for (int k = 0; k < 4; k++) {
+          const double kp = v[k][p], kq = v[k][q];
+          v[k][p] = c * kp - s * kq;
+          v[k][q] = s * kp + c * kq;
+        }
+      }
+    }
+  }
+  int best = 0;
+  for (int p = 1; p < 4; p++) {
+    if (a[p][p] > a[best][best]) best = p;
+  }
+  std::array<double, 4> q = {v[0][best], v[1][best], v[2][best], v[3][best]};
+  const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  for (double& c : q) c /= norm;
+  return FromQuaternion(q);
+}
+
+// Newton's iteration for the stationary point of tr(Rᵀ F) near R; false if it does not end at a maximum.
+bool Refine(const Mat3& F, double scale, Mat3* R) {
+  for (int step = 0; step < kNewtonSteps; step++) {
+    const Mat3 S = Mul(Transpose(*R), F);
+    const double trace = S[0] + S[4] + S[8];
+    const double xy = 0.5 * (S[1] + S[3]), xz = 0.5 * (S[2] + S[6]), yz = 0.5 * (S[5] + S[7]);
+    const Mat3 H = {trace - S[0], -xy, -xz, -xy, trace - S[4], -yz, -xz, -yz, trace - S[8]};
+    // a maximum has H positive definite (leading minors); only then is it the global one
+    const double minor2 = H[0] * H[4] - H[1] * H[3];
+    const double floor = kMinTwist * scale;
+    if (!(H[0] > floor && minor2 > floor * H[0] && Det(H) > floor * minor2)) return false;
+    const Vec3 moment = {S[7] - S[5], S[2] - S[6], S[3] - S[1]};
+    const Vec3 omega = Mul(Inverse(H), moment);
+    const double angle = Norm(omega);
+    if (!(angle < kTrustRadius)) return false;
+    *R = Mul(*R, Cayley(omega));
+    if (angle < kConverged) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+Mat3 ClosestRotation(const Mat3& F, const Mat3& guess) {
+  double scale = 0;
+  for (double f : F) scale = std::max(scale, std::abs(f));
+  if (!(scale > 0)) return kIdentity;
+  Mat3 R = guess;
+  if (Refine(F, scale, &R)) return R;
+  R = GlobalMaximum(F);
+  Mat3 refined = R;
+  return Refine(F, scale, &refined) ? refined : R;
+}
+
+double SmallestTwist(const Mat3& S) {
+  // tr(S) minus the largest eigenvalue of S, by the trigonometric formula for symmetric 3×3 matrices
+  const double mean = (S[0] + S[4] + S[8]) / 3;
+  const double a = S[0] - mean, b = S[4] - mean, c = S[8] - mean;
+  const double off = S[1] * S[1] + S[2] * S[2] + S[5] * S[5];
+  const double p = std::sqrt((a * a + b * b + c * c + 2 * off) / 6);
+  if (!(p > 0)) return 2 * mean;
+  const double r = Det({a, S[1], S[2], S[1], b, S[5], S[2], S[5], c}) / (2 * p * p * p);
+  const double largest = mean + 2 * p * std::cos(std::acos(std::clamp(r, -1.0, 1.0)) / 3);
+  return 3 * mean - largest;
+}
+
+}  // namespace mjframes

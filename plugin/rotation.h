@@ -1,0 +1,21 @@
+// The proper rotation closest to a deformation gradient: R = argmax over SO(3) of tr(Rᵀ F).
+//
+// det R = +1 always, also for an inverted or flattened F ("SVD with the smallest singular direction flipped").
+
+#ifndef MJFRAMES_PLUGIN_ROTATION_H_
+#define MJFRAMES_PLUGIN_ROTATION_H_
+
+#include "linear.h"
+
+namespace mjframes {
+
+// F: deformation gradient [-].  guess: any rotation; a close one makes it cheap. The result depends on it only
+// in rounding, and on a set of measure zero (F with no unique closest rotation).
+Mat3 ClosestRotation(const Mat3& F, const Mat3& guess);
+
+// Smallest eigenvalue of H = tr(S) I − S for the symmetric S (row major): how firmly F determines R.
+double SmallestTwist(const Mat3& S);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_ROTATION_H_
