@@ -16,6 +16,7 @@ from mjframes.control import ControlPoints, control_points, control_weights
 from mjframes.errors import MjframesError
 from mjframes.grid import voxel_grid
 from mjframes.material import Material
+from mjframes.patches import group_patches
 from mjframes.placement import place_frames
 from mjframes.regions import split_regions
 from mjframes.stiffness import Stiffness, region_stiffness
@@ -41,13 +42,16 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class ContactSpheres:
-    """Spheres just under the surface, moved by the control points, the most important first.
+    """Spheres just under the surface, moved by the control points, sorted by patch and cluster.
 
-    centers: (s, 3) volume coordinates [m].  radius: [m].  weights: (s, k) control weights W_j(s).
+    centers: (s, 3) volume coordinates [m].  radius: [m].  patch: (s,) and cluster: (s,) within it, see `patches`.
+    weights: (s, k) control weights W_j(s).
     """
 
     centers: np.ndarray
     radius: float
+    patch: np.ndarray
+    cluster: np.ndarray
     weights: sparse.csr_array
 
 
@@ -121,8 +125,8 @@ def build(
     progress("attaching the surfaces")
     surface = extract_surface(volume)
     spheres = contact_points(surface, volume, contact_radius)
-    order = np.argsort(spheres.rank)
-    centers = spheres.positions[order]
+    sphere_weights = control_weights(surface_weights(grid, weights, spheres.positions), control, spheres.positions)
+    patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
     return SoftBody(
         parent=tree.parent,
         control=control,
@@ -135,7 +139,11 @@ def build(
             control_weights(surface_weights(grid, weights, surface.vertices), control, surface.vertices),
         ),
         contact=ContactSpheres(
-            centers, spheres.radius, control_weights(surface_weights(grid, weights, centers), control, centers)
+            spheres.positions[patches.order],
+            spheres.radius,
+            patches.patch,
+            patches.cluster,
+            sparse.csr_array(sphere_weights[patches.order]),
         ),
         materials=dict(volume.materials),
         damping=(float(damping[0]), float(damping[1])),

@@ -57,8 +57,9 @@ def build(arguments: argparse.Namespace) -> int:
     console = Console(stderr=True)
     with replacing(output, "the output") as partial, console.status("reading the volume") as status:
         volume = Volume.from_labels(arguments.volume, spacing=arguments.spacing, materials=materials)
-        status.update("building the soft body")
-        body = build_body(volume, frames=arguments.frames, samples=arguments.samples, seed=arguments.seed)
+        body = build_body(
+            volume, frames=arguments.frames, samples=arguments.samples, seed=arguments.seed, progress=status.update
+        )
         status.update("writing")
         spec = standalone_scene(body, volume, contact=arguments.contact)
         try:
@@ -66,12 +67,12 @@ def build(arguments: argparse.Namespace) -> int:
         except (ValueError, mujoco.FatalError) as error:
             raise MjframesError(f"MuJoCo cannot compile the soft body ({' '.join(str(error).split())}).") from error
         if output.suffix.lower() == ".npz":
-            body.save(partial)
+            body.save(str(partial))
         else:
             partial.write_text(spec.to_xml(), encoding="utf-8")
     print(
-        f"{output}: {arguments.frames} frames, {arguments.samples} samples, {int((volume.labels > 0).sum())} voxels, "
-        f"{model.nv} degrees of freedom, {model.nskinvert} skin vertices, {time.perf_counter() - start:.2f} s"
+        f"{output}: {len(body.parent)} frames, {len(body.fit_error)} samples, {body.voxels} voxels, "
+        f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
     )
     return 0
 

@@ -12,7 +12,6 @@ import numpy as np
 from numba import njit
 
 LARGEST_TURN = 0.8  # [-] cosine of the largest turn of a triangle in one collapse: 37 degrees
-WORST_SHAPE = 0.15  # [-] 4 √3 area / Σ side² of a triangle that a collapse makes; 1 is equilateral
 LARGEST_ERROR = 0.15  # [-] of the final edge length: root mean square distance to the planes of the old triangles
 FIRST_LENGTH = 0.3  # [-] of the final edge length: the slivers of marching cubes are shorter than that
 LENGTH_GROWTH = 1.12  # [-] between passes: small enough for collapses to come in order of length
@@ -151,7 +150,7 @@ def _area(quadric):
 
 @njit(cache=True)
 def _turns(u, v, position, x, faces, alive, first, following):
-    """Whether moving u to `position` turns over or flattens a triangle of u that does not vanish with the edge u v."""
+    """Whether moving u to `position` turns or flattens a triangle of u that does not vanish with the edge u v."""
     corner = first[u]
     while corner >= 0:
         f = corner // 3
@@ -159,10 +158,7 @@ def _turns(u, v, position, x, faces, alive, first, following):
         if alive[f] and p != v and q != v:
             before = np.cross(x[p] - x[u], x[q] - x[u])
             after = np.cross(x[p] - position, x[q] - position)
-            a, b, c = x[q] - x[p], x[p] - position, x[q] - position
-            if 12 * (after @ after) < (WORST_SHAPE * (a @ a + b @ b + c @ c)) ** 2:
-                return True
-            if before @ after < LARGEST_TURN * np.sqrt((before @ before) * (after @ after)):
+            if before @ after <= LARGEST_TURN * np.sqrt((before @ before) * (after @ after)):
                 return True
         corner = following[corner]
     return False

@@ -32,10 +32,10 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (pl
     "region_stiffness",
     "contact_radius",
     "patch_size",
-    "patch_vertices",
+    "patch_clusters",
+    "patch_cluster_size",
     "patch_point",
     "patch_weight",
-    "patch_rest",
 )
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
@@ -112,10 +112,8 @@ def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
 
 
 def _patches(body: SoftBody) -> list[np.ndarray]:
-    """The contact spheres by their deepest frame, which is the last that moves them; frames in order."""
-    weights = body.contact.weights
-    deepest = np.maximum.reduceat(body.control.frame[weights.indices], weights.indptr[:-1])
-    return [np.flatnonzero(deepest == i) for i in np.unique(deepest)]
+    """The contact spheres of each patch; patches in the order of their bodies."""
+    return np.split(np.arange(len(body.contact.patch)), np.flatnonzero(np.diff(body.contact.patch)) + 1)
 
 
 def _patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
@@ -186,15 +184,18 @@ def _configuration(body: SoftBody, patches: list[np.ndarray]) -> dict[str, str]:
     if patches:
         points = [_patch_points(body, spheres) for spheres in patches]
         weights = body.contact.weights.toarray()
+        sizes = [np.bincount(body.contact.cluster[spheres]) for spheres in patches]
         values |= {
             "contact_radius": repr(body.contact.radius),
             "patch_size": encode([len(some) for some in points]),
-            "patch_vertices": encode([len(spheres) for spheres in patches]),
+            "patch_clusters": encode([len(clusters) for clusters in sizes]),
+            "patch_cluster_size": encode(np.concatenate(sizes)),
             "patch_point": encode(np.concatenate(points)),
             "patch_weight": encode(
-                np.concatenate([weights[np.ix_(spheres, some)].T.ravel() for spheres, some in zip(patches, points, strict=True)])
+                np.concatenate(
+                    [weights[np.ix_(spheres, some)].T.ravel() for spheres, some in zip(patches, points, strict=True)]
+                )
             ),
-            "patch_rest": encode(np.concatenate([body.contact.centers[spheres].T.ravel() for spheres in patches])),
         }
     return values
 

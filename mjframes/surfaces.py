@@ -28,7 +28,6 @@ SMOOTHING = 1.0  # [voxels] Gaussian of surface and seams: takes the steps off s
 OFFSETS = 4  # Newton steps of the enclosed volume: each squares the error, a tenth at the start
 SEAM_MARGIN = 0.1  # [-] of an edge: seams keep that distance from vertices, so that no cut triangle is a sliver
 MARGIN = 2  # [voxels] of empty space around the volume, for the surface to close
-SHARPEST = 0.5  # [-] contact spheres retreat at most radius / SHARPEST from a sharp corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +62,13 @@ class Surface:
 class ContactPoints:
     """Centres of the contact spheres.
 
-    positions: (s, 3) volume coordinates [m].  radius: [m].
+    positions: (s, 3) volume coordinates [m].  radius: [m].  normals: (s, 3) of the surface above each, outward.
     rank: (s,) int, 0 for the most important: for every n the points of rank below n cover the surface evenly.
     """
 
     positions: np.ndarray
     radius: float
+    normals: np.ndarray
     rank: np.ndarray
 
 
@@ -96,7 +96,7 @@ def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
 def contact_points(surface: Surface, volume: Volume, radius: float | None = None, count: int = 600) -> ContactPoints:
     """At most `count` spheres that touch the surface from inside: the extreme vertices first, then farthest points.
 
-    radius: [m], half the smallest spacing unless given.  A sphere at a convex corner touches its faces, not its tip.
+    radius: [m], half the smallest spacing unless given.
     Raises MjframesError if radius ≤ 0 or count < 1.
     """
     radius = float(np.min(volume.spacing)) / 2 if radius is None else float(radius)
@@ -108,13 +108,8 @@ def contact_points(surface: Surface, volume: Volume, radius: float | None = None
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
     reach = np.sqrt(surface.area / count)
     chosen = _farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)
-    face_normals = _unit(_area_vectors(surface.vertices, surface.faces))
-    cosine = np.ones(len(normals))
-    for corner in surface.faces.T:
-        np.minimum.at(cosine, corner, np.einsum("tc,tc->t", normals[corner], face_normals))
-    inset = radius / np.maximum(cosine, SHARPEST)
-    positions = surface.vertices - inset[:, None] * normals
-    return ContactPoints(positions[chosen], radius, np.arange(len(chosen)))
+    positions = surface.vertices[chosen] - radius * normals[chosen]
+    return ContactPoints(positions, radius, normals[chosen], np.arange(len(chosen)))
 
 
 def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray) -> csr_array:
@@ -171,7 +166,8 @@ def _unsmooth(smooth: np.ndarray, inside: np.ndarray, where: np.ndarray) -> np.n
 
 
 def _pieces(part: np.ndarray) -> int:
-    return np.max(ndimage.label(part, NEIGHBOURS)[0], initial=0)  # pyright: ignore[reportIndexIssue]
+    pieces = np.empty(part.shape, np.int32)
+    return int(ndimage.label(part, NEIGHBOURS, output=pieces))  # pyright: ignore[reportArgumentType]
 
 
 def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, target: float) -> np.ndarray:

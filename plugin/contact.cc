@@ -12,20 +12,11 @@
 namespace mjframes {
 namespace {
 
-// Contacts of one patch with one geom: three hold a patch up, a fourth keeps a square from rocking; curved and
-// edged geoms get twice as many. MuJoCo's own limit is respected as well.
-constexpr int kPlaneContacts = 4;
-constexpr int kMaxContacts = 8;
+// A vertex that is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
+constexpr double kBlend = 1;  // [-]
 
-// A vertex deeper by 1 mm counts like one that is farther from the chosen ones by this many mm: depth must win
-// over spread, but rounding in the depths must not reshuffle the contacts of a body at rest.
-constexpr double kDepthPreference = 10;
-
-// Ties of symmetric shapes go to the earlier vertex, whatever the rounding.
-constexpr double kTieBreak = 1e-4;  // [-] of the distance
-
-// A contact belongs to the vertex it was made from to rounding; anything farther is not that vertex.
-constexpr double kSameVertex = 1e-6;  // [m]
+// A contact found again at the same place to rounding is the same; anything farther is another one.
+constexpr double kSamePlace = 1e-9;  // [m]
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
@@ -46,80 +37,70 @@ void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double
 
 Vec3 Vertex(const double* skinned, int n, int s) { return {skinned[s], skinned[n + s], skinned[2 * n + s]}; }
 
-// Chooses up to `limit` of the candidates, deep and well spread, and returns them in vertex order.
-int Choose(const Patch& patch, const int* candidate, const double* depth, int count, int limit, int* chosen) {
-  if (count <= limit) {
-    std::copy(candidate, candidate + count, chosen);
-    return count;
-  }
+// Where the clusters of a patch touch geom `other`, touching or not; one contact a cluster.
+int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, const GeomQuery& other,
+                    double* skinned, double* blend, ClusterContact* out) {
   const int n = patch.vertices;
-  double spread[kMaxPatchVertices];  // rest distance to the nearest chosen vertex, at first to the centre
-  Vec3 centre{};
-  for (int i = 0; i < count; i++) centre = centre + (1.0 / count) * Vertex(patch.rest.data(), n, candidate[i]);
-  for (int i = 0; i < count; i++) spread[i] = Norm(Vertex(patch.rest.data(), n, candidate[i]) - centre);
-  for (int pick = 0; pick < limit; pick++) {
-    int best = 0;
-    double best_score = -mjMAXVAL;
-    for (int i = 0; i < count; i++) {
-      const double score = spread[i] * (1 - kTieBreak * i / count) + kDepthPreference * depth[i];
-      if (spread[i] >= 0 && score > best_score) {
-        best = i;
-        best_score = score;
-      }
+  const double radius = body.contact_radius();
+  SkinPatch(body, patch, d, skinned);
+  int begin = 0, count = 0;
+  for (const int size : patch.cluster) {
+    const int end = begin + size;
+    double deepest = mjMAXVAL;
+    for (int s = begin; s < end; s++) {
+      blend[s] = other.Distance(Vertex(skinned, n, s)) - radius;
+      deepest = std::min(deepest, blend[s]);
     }
-    const Vec3 point = Vertex(patch.rest.data(), n, candidate[best]);
-    for (int i = 0; i < count; i++) {
-      const double distance = Norm(Vertex(patch.rest.data(), n, candidate[i]) - point);
-      // the first spread was measured from the centre: it says nothing about distances between contacts
-      spread[i] = spread[i] < 0 ? -1 : pick == 0 ? distance : std::min(spread[i], distance);
+    ClusterContact contact = {0, {}, {}, begin, end};
+    double total = 0;
+    for (int s = begin; s < end; s++) {
+      const double share = std::max(0.0, 1 - (blend[s] - deepest) / (kBlend * radius));
+      contact.distance += share * share * blend[s];
+      blend[s] = share * share;
+      total += blend[s];
     }
-    spread[best] = -1;  // taken
+    contact.distance /= total;
+    Vec3 centre{};
+    for (int s = begin; s < end; s++) {
+      if (blend[s] == 0) continue;
+      blend[s] /= total;
+      const Vec3 p = Vertex(skinned, n, s);
+      centre = centre + blend[s] * p;
+      contact.normal = contact.normal + blend[s] * other.Normal(p);
+    }
+    // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
+    const double length = Norm(contact.normal);
+    if (length > mjMINVAL) {
+      contact.normal = (1 / length) * contact.normal;
+      contact.position = centre - (radius + 0.5 * contact.distance) * contact.normal;
+      out[count++] = contact;
+    }
+    begin = end;
   }
-  int picked = 0;
-  for (int i = 0; i < count; i++) {
-    if (spread[i] < 0) chosen[picked++] = candidate[i];
-  }
-  return picked;
+  return count;
 }
 
-// mjCOLLISIONFUNC entry: contacts between geom g1 and patch g2.
+// Contacts between geom g1 and patch g2, as an entry of mjCOLLISIONFUNC gives them.
 int CollidePatch(const SoftBody& body, const Patch& patch, const mjModel* m, mjData* d, mjPreContact* con, int g1,
                  int g2, double margin) {
   const GeomQuery other(m, d, g1);
   if (!other.valid) return 0;
-  const int limit =
-      std::min(mj_maxContact(m, g1, g2, -1), m->geom_type[g1] == mjGEOM_PLANE ? kPlaneContacts : kMaxContacts);
-  if (limit <= 0) return 0;
-
-  double skinned[3 * kMaxPatchVertices], depth[kMaxPatchVertices];
-  int candidate[kMaxPatchVertices];
-  const int n = patch.vertices;
-  const double radius = body.contact_radius();
-  SkinPatch(body, patch, d, skinned);
+  double skinned[3 * kMaxPatchVertices], blend[kMaxPatchVertices];
+  ClusterContact contact[kMaxClusters];
+  const int found = ClusterContacts(body, patch, d, other, skinned, blend, contact);
+  const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
-  for (int s = 0; s < n; s++) {
-    Vec3 normal;
-    const double distance = other.Distance(Vertex(skinned, n, s), &normal) - radius;
-    if (distance < margin) {
-      candidate[count] = s;
-      depth[count++] = -distance;
-    }
-  }
-  int chosen[kMaxContacts];
-  const int picked = Choose(patch, candidate, depth, count, limit, chosen);
-  for (int i = 0; i < picked; i++) {
-    const Vec3 p = Vertex(skinned, n, chosen[i]);
-    Vec3 normal;
-    const double distance = other.Distance(p, &normal) - radius;
-    const Vec3 position = p - (radius + 0.5 * distance) * normal;
-    con[i].dist = distance;
+  for (int i = 0; i < found && count < limit; i++) {
+    if (!(contact[i].distance < margin)) continue;
+    con[count].dist = contact[i].distance;
     for (int c = 0; c < 3; c++) {
-      con[i].pos[c] = position[c];
-      con[i].normal[c] = normal[c];
-      con[i].tangent[c] = 0;
+      con[count].pos[c] = contact[i].position[c];
+      con[count].normal[c] = contact[i].normal[c];
+      con[count].tangent[c] = 0;
     }
+    count++;
   }
-  return picked;
+  return count;
 }
 
 int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
@@ -135,20 +116,6 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   const int count = patch ? CollidePatch(*body1, *patch, m, d, con, g2, g1, margin) : 0;
   for (int i = 0; i < count; i++) mju_scl3(con[i].normal, con[i].normal, -1);
   return count;
-}
-
-// The vertex that a contact was made from: its sphere's centre lies on the normal through the contact position.
-// Contacts of a pair come in vertex order, so the search goes on from `start`.
-int FindVertex(const mjContact& contact, int side, double radius, const double* skinned, int n, int start) {
-  const double offset = (side == 1 ? 1 : -1) * (radius + 0.5 * contact.dist);
-  const Vec3 centre = {contact.pos[0] + offset * contact.frame[0], contact.pos[1] + offset * contact.frame[1],
-                       contact.pos[2] + offset * contact.frame[2]};
-  for (int i = 0; i < n; i++) {
-    const int s = start + i < n ? start + i : start + i - n;
-    const Vec3 difference = Vertex(skinned, n, s) - centre;
-    if (Dot(difference, difference) < kSameVertex * kSameVertex) return s;
-  }
-  return -1;
 }
 
 int RowCount(const mjModel* m, const mjContact& contact) {
@@ -239,44 +206,43 @@ void InstallCollisionHook() {
 
 void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   for (int i = 0; i < m->nv; i++) scratch->sqrt_inverse[i] = std::sqrt(d->qLDiagInv[i]);
-  const Patch* skinned_patch = nullptr;
-  int other_geom = -1, last_vertex = -1;
+  ClusterContact found[kMaxClusters];
+  int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose clusters are in `found`
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
-    for (int side = 0; side < 2; side++) {
-      const int geom = contact.geom[side];
-      const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
-      const Patch* patch = body ? body->FindPatch(geom) : nullptr;
-      if (!patch) continue;
-      if (patch != skinned_patch) {
-        SkinPatch(*body, *patch, d, scratch->skinned.data());
-        skinned_patch = patch;
-        other_geom = -1;
-      }
-      if (other_geom != contact.geom[1 - side]) {
-        other_geom = contact.geom[1 - side];
-        last_vertex = -1;
-      }
-      const int s = FindVertex(contact, side, body->contact_radius(), scratch->skinned.data(), patch->vertices,
-                               last_vertex + 1);
-      if (s < 0) continue;
-      last_vertex = s;
-      std::vector<double>& share = scratch->share;
-      std::fill(share.begin(), share.end(), 0.0);
-      for (size_t j = 0; j < patch->point.size(); j++) {
-        share[body->points()[patch->point[j]].depth] += patch->weight[j * patch->vertices + s];
-      }
-      for (int depth = body->points()[patch->owner].depth; depth > 0; depth--) share[depth - 1] += share[depth];
-      const double* axes = d->xmat + 9 * body->points()[patch->owner].body;
-      for (int r = 0; r < RowCount(m, contact); r++) {
-        Vec3 local;
-        const Vec3 direction = RowDirection(m, contact, r);
-        mju_mulMatTVec3(local.data(), axes, direction.data());
-        WriteRow(*body, *patch, m, d, contact.efc_address + r, side == 1 ? 1 : -1, local, share);
-      }
-      ScaleImpedance(m, d, contact, scratch);
+    const int side = GetSoftBody(m, d, m->geom_plugin[contact.geom[1]]) ? 1 : 0;
+    const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[contact.geom[side]]);
+    const Patch* patch = body ? body->FindPatch(contact.geom[side]) : nullptr;
+    if (!patch) continue;
+    if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
+      std::copy(contact.geom, contact.geom + 2, pair);
+      count = ClusterContacts(*body, *patch, d, GeomQuery(m, d, contact.geom[1 - side]), scratch->skinned.data(),
+                              scratch->blend.data(), found);
+      next = 0;
     }
+    // contacts of a pair come in the order of the clusters, without those that do not touch
+    while (next < count && Norm(found[next].position - Vec3{contact.pos[0], contact.pos[1], contact.pos[2]}) > kSamePlace) {
+      next++;
+    }
+    if (next == count) continue;
+    std::vector<double>& share = scratch->share;
+    std::fill(share.begin(), share.end(), 0.0);
+    for (size_t j = 0; j < patch->point.size(); j++) {
+      const double* weight = patch->weight.data() + j * patch->vertices;
+      double& sum = share[body->points()[patch->point[j]].depth];
+      for (int s = found[next].begin; s < found[next].end; s++) sum += scratch->blend[s] * weight[s];
+    }
+    for (int depth = body->points()[patch->owner].depth; depth > 0; depth--) share[depth - 1] += share[depth];
+    const double* axes = d->xmat + 9 * body->points()[patch->owner].body;
+    for (int r = 0; r < RowCount(m, contact); r++) {
+      Vec3 local;
+      const Vec3 direction = RowDirection(m, contact, r);
+      mju_mulMatTVec3(local.data(), axes, direction.data());
+      WriteRow(*body, *patch, m, d, contact.efc_address + r, side == 1 ? 1 : -1, local, share);
+    }
+    ScaleImpedance(m, d, contact, scratch);
+    next++;
   }
 }
 

@@ -1,7 +1,9 @@
 // Contacts of patches: where MuJoCo asks for them (collision hook) and what the solver sees (rows).
 //
-// A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. A contact row along direction t
-// therefore reads tᵀ Σ_j W_j(s) J_j over the degrees of freedom of the soft body: equation (11).
+// A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that are
+// nearly as deep as its deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero continuously:
+// choosing single vertices instead makes a resting body flip between choices for ever. A contact row along t reads
+// tᵀ Σ_s a_s Σ_j W_j(s) J_j over the degrees of freedom of the soft body: equation (11).
 
 #ifndef MJFRAMES_PLUGIN_CONTACT_H_
 #define MJFRAMES_PLUGIN_CONTACT_H_
@@ -11,29 +13,43 @@
 #include <cstdint>
 #include <vector>
 
+#include "linear.h"
+
 namespace mjframes {
 
-// The contact vertices that hang on one body; never written after creation, so threads may share it.
+// The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
 struct Patch {
   int geom;
-  int owner;                   // control point of the geom's body: the deepest that moves a vertex
-  int vertices;                // number of vertices n, in order of farthest-point rank
-  std::vector<int32_t> point;  // control points, ancestors first              (p)
-  std::vector<double> weight;  // W_j(s), one row of n a point                 (p × n)
-  std::vector<double> rest;    // rest positions by component [m]              (3 × n)
+  int owner;                     // control point of the geom's body: the deepest that moves a vertex
+  int vertices;                  // number of vertices n, cluster after cluster
+  std::vector<int32_t> cluster;  // number of vertices of each cluster          (≤ kMaxClusters)
+  std::vector<int32_t> point;    // control points, ancestors first             (p)
+  std::vector<double> weight;    // W_j(s), one row of n a point                (p × n)
 };
 
 // The collision hook has only the thread's stack to work on.
 inline constexpr int kMaxPatchVertices = 1024;
 
+// A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
+inline constexpr int kMaxClusters = 4;
+
+// Where a cluster touches a geom, or would: the pressure centre of its deepest vertices.
+struct ClusterContact {
+  double distance;  // [m], negative inside
+  Vec3 position;    // half way between the surfaces [m]
+  Vec3 normal;      // out of the other geom
+  int begin, end;   // vertices of the cluster
+};
+
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
   explicit ContactScratch(int nv)
-      : row(nv), half(nv), sqrt_inverse(nv), share(nv), skinned(3 * kMaxPatchVertices) {}
-  std::vector<double> row, half;      // J and D^(−½) L^(−ᵀ) Jᵀ               (nv)
-  std::vector<double> sqrt_inverse;   // D^(−½)                               (nv)
-  std::vector<double> share;          // weight at and below each depth       (≤ nv)
-  std::vector<double> skinned;        // vertices of the current patch        (3 × n)
+      : row(nv), half(nv), sqrt_inverse(nv), share(nv), skinned(3 * kMaxPatchVertices), blend(kMaxPatchVertices) {}
+  std::vector<double> row, half;     // J and D^(−½) L^(−ᵀ) Jᵀ               (nv)
+  std::vector<double> sqrt_inverse;  // D^(−½)                               (nv)
+  std::vector<double> share;         // weight at and below each depth       (≤ nv)
+  std::vector<double> skinned;       // vertices of the current patch        (3 × n)
+  std::vector<double> blend;         // their shares in the clusters' contacts (n)
 };
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.

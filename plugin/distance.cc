@@ -104,7 +104,18 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, int geom)
   }
 }
 
-double GeomQuery::Distance(const Vec3& p, Vec3* normal) const {
+double GeomQuery::Distance(const Vec3& p) const {
+  Vec3 normal;
+  return Evaluate(p, &normal);
+}
+
+Vec3 GeomQuery::Normal(const Vec3& p) const {
+  Vec3 normal;
+  Evaluate(p, &normal);
+  return normal;
+}
+
+double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {
   const Vec3 local = MulT(orientation, p - position);
   double distance = 0;
   Vec3 n{};

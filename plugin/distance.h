@@ -14,12 +14,17 @@ namespace mjframes {
 struct GeomQuery {
   GeomQuery(const mjModel* m, const mjData* d, int geom);
 
-  // Distance [m] from world point p to the surface, negative inside; `normal` (world, unit) points outward.
-  double Distance(const Vec3& p, Vec3* normal) const;
+  // Distance [m] from world point p to the surface, negative inside.
+  double Distance(const Vec3& p) const;
+
+  // Unit vector out of the geom at p, in the world: the gradient of the distance.
+  Vec3 Normal(const Vec3& p) const;
 
   bool valid;
 
  private:
+  double Evaluate(const Vec3& p, Vec3* normal) const;
+
   const mjModel* model;
   const mjData* data;
   int type;

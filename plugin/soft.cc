@@ -20,7 +20,7 @@ constexpr const char* kAttributes[] = {
     "point_rest",                                                              // (k × 3) [m]
     "region_size",      "region_point",   "region_gradient", "region_stiffness",
     "contact_radius",                                                          // [m]
-    "patch_size",       "patch_vertices", "patch_point",     "patch_weight",   "patch_rest",
+    "patch_size",       "patch_clusters", "patch_cluster_size", "patch_point",  "patch_weight",
 };
 
 // Reads the configuration of one instance; the first failure is kept as a sentence.
@@ -200,27 +200,38 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   }
   if (patches.empty()) return patches;
   const auto size = reader->Array<int32_t>("patch_size");
-  const auto vertices = reader->Array<int32_t>("patch_vertices");
+  const auto clusters = reader->Array<int32_t>("patch_clusters");
+  const auto cluster_size = reader->Array<int32_t>("patch_cluster_size");
   const auto point = reader->Array<int32_t>("patch_point");
   const auto weight = reader->Array<double>("patch_weight");
-  const auto rest = reader->Array<double>("patch_rest");
-  if (!reader->Check(size.size() == patches.size() && vertices.size() == patches.size(),
+  if (!reader->Check(size.size() == patches.size() && clusters.size() == patches.size(),
                      "its patch geoms do not match its patches")) {
     return {};
   }
-  size_t p = 0, w = 0, r = 0;
+  size_t p = 0, w = 0, c = 0;
   for (size_t i = 0; i < patches.size(); i++) {
     Patch& patch = patches[i];
-    const size_t count = std::max(size[i], 0), n = std::max(vertices[i], 0);
-    if (!reader->Check(count > 0 && n > 0 && n <= kMaxPatchVertices && p + count <= point.size() &&
-                           w + count * n <= weight.size() && r + 3 * n <= rest.size(),
+    const size_t count = std::max(size[i], 0), groups = std::max(clusters[i], 0);
+    if (!reader->Check(groups > 0 && groups <= kMaxClusters && c + groups <= cluster_size.size(),
+                       "its patch arrays do not match each other")) {
+      return {};
+    }
+    patch.cluster.assign(cluster_size.begin() + c, cluster_size.begin() + c + groups);
+    size_t n = 0;
+    for (const int32_t vertices : patch.cluster) {
+      if (!reader->Check(vertices > 0 && vertices <= kMaxPatchVertices, "a cluster of a patch has no valid size")) {
+        return {};
+      }
+      n += vertices;
+    }
+    if (!reader->Check(count > 0 && n <= kMaxPatchVertices && p + count <= point.size() &&
+                           w + count * n <= weight.size(),
                        "its patch arrays do not match each other")) {
       return {};
     }
     patch.vertices = static_cast<int>(n);
     patch.point.assign(point.begin() + p, point.begin() + p + count);
     patch.weight.assign(weight.begin() + w, weight.begin() + w + count * n);
-    patch.rest.assign(rest.begin() + r, rest.begin() + r + 3 * n);
     patch.owner = patch.point.back();
     if (!reader->Check(OnOnePath(points, patch.point) && points[patch.owner].body == m->geom_bodyid[patch.geom],
                        "a patch is not on the body of its deepest control point")) {
@@ -228,7 +239,7 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
     }
     p += count;
     w += count * n;
-    r += 3 * n;
+    c += groups;
   }
   return patches;
 }

@@ -132,5 +132,5 @@ def test_build_saves_a_soft_body(volume: Path, tmp_path: Path) -> None:
     from mjframes.body import SoftBody
 
     assert main(["build", str(volume), "-o", str(tmp_path / "body.npz"), "--frames", "2", "--samples", "3"]) == 0
-    assert isinstance(SoftBody.load(tmp_path / "body.npz"), SoftBody)
+    assert isinstance(SoftBody.load(str(tmp_path / "body.npz")), SoftBody)
     assert {path.name for path in tmp_path.iterdir()} == {"bar.npz", "body.npz"}

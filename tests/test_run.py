@@ -12,6 +12,7 @@ import pytest
 from mjframes.errors import MjframesError
 from mjframes.log import read_log
 from mjframes.run import Recording, kinetic_energy, load_scene, mujoco_warnings, penetration, record, summary
+from mjframes.video import find_camera
 
 SCENE = """
 <mujoco>
@@ -99,10 +100,13 @@ def test_penetration_is_the_deepest_of_the_contacts() -> None:
 
 def test_video_log_and_plot(tmp_path: Path) -> None:
     av = pytest.importorskip("av")
-    files = {name: tmp_path / "new" / "folder" / f"out.{end}" for name, end in FILES.items()}
-    recording = record(model_of(SCENE), 0.5, **files, camera="top", fps=20, size=(96, 64), scene=SCENE)
-    assert {path.name for path in files["video"].parent.iterdir()} == {"out.mp4", "out.mcap", "out.png"}
-    with av.open(str(files["video"])) as container:
+    folder = tmp_path / "new" / "folder"
+    video, log, plot = folder / "out.mp4", folder / "out.mcap", folder / "out.png"
+    recording = record(
+        model_of(SCENE), 0.5, video=video, log=log, plot=plot, camera="top", fps=20, size=(96, 64), scene=SCENE
+    )
+    assert set(folder.iterdir()) == {video, log, plot}
+    with av.open(str(video)) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
     assert stream.codec_context.name == "h264"
@@ -112,20 +116,17 @@ def test_video_log_and_plot(tmp_path: Path) -> None:
     assert frames[0].shape == (64, 96, 3)
     red = frames[-1].astype(int)
     assert 8 < (red[..., 0] - red[..., 2] > 60).sum() < 100  # the box from above, on a blue floor
-    assert files["video"].read_bytes().find(b"moov") < files["video"].read_bytes().find(b"mdat")  # streams at once
-    assert files["plot"].read_bytes().startswith(b"\x89PNG")
+    assert video.read_bytes().find(b"moov") < video.read_bytes().find(b"mdat")  # streams at once
+    assert plot.read_bytes().startswith(b"\x89PNG")
 
-    log = read_log(files["log"])
-    assert log.scene == SCENE
-    assert set(log.messages) == {"/state", "/energy", "/contacts"}
-    assert [message["time"] for message in log.messages["/state"]] == [i.time for i in recording.instants]
+    logged = read_log(log)
+    assert logged.scene == SCENE
+    assert set(logged.messages) == {"/state", "/energy", "/contacts"}
+    assert [message["time"] for message in logged.messages["/state"]] == [i.time for i in recording.instants]
     last = recording.instants[-1]
-    assert log.messages["/state"][-1]["qpos"] == last.qpos.tolist()
-    assert log.messages["/energy"][-1]["total"] == pytest.approx(last.total)
-    assert log.messages["/contacts"][-1]["normal_force"] == last.normal_force
-
-
-FILES = {"video": "mp4", "log": "mcap", "plot": "png"}
+    assert logged.messages["/state"][-1]["qpos"] == last.qpos.tolist()
+    assert logged.messages["/energy"][-1]["total"] == pytest.approx(last.total)
+    assert logged.messages["/contacts"][-1]["normal_force"] == last.normal_force
 
 
 def test_a_diverging_simulation_leaves_nothing(tmp_path: Path) -> None:
@@ -201,6 +202,12 @@ def test_warnings_are_caught_and_given_back() -> None:
         assert mujoco.get_mju_user_warning() is mine
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+def test_cameras_are_found() -> None:
+    model = model_of(SCENE)
+    assert [find_camera(model, name) for name in (None, "side", "top")] == [0, 0, 1]
+    assert find_camera(model_of(PENDULUM), None) == -1
 
 
 def test_read_log_refuses_other_files(tmp_path: Path) -> None:

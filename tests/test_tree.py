@@ -4,8 +4,10 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from scipy import sparse
 
-from mjframes.tree import Tree, depths, elimination_tree
+from mjframes.regions import Regions
+from mjframes.tree import Tree, depth_first, depths, elimination_tree
 
 CHAIN = [(i, i + 1) for i in range(8)]
 NET = [(5 * a + b, 5 * a + b + 1, 5 * a + b + 5, 5 * a + b + 6) for a, b in product(range(4), range(4))]
@@ -78,3 +80,14 @@ def test_frames_without_coupling_hang_under_the_root():
     tree = elimination_tree([(0, 1)], 4)
     assert np.count_nonzero(tree.parent < 0) == 1
     assert depths(tree).max() == 2
+
+
+def test_renumbering_moves_weights_regions_and_tree_alike():
+    tree = Tree(parent=np.array([2, 0, -1, 2]), order=np.array([2, 0, 1, 3]))
+    old = np.array([[0.1, 0.2, 0.7, 0], [0, 0, 0.4, 0.6]])
+    regions = Regions(np.array([0, 1], np.int32), ((0, 1, 2), (2, 3)), np.zeros(2))
+    weights, regions, renumbered = depth_first(sparse.csr_array(old), regions, tree)
+    assert renumbered.order.tolist() == [0, 1, 2, 3]
+    assert renumbered.parent.tolist() == [-1, 0, 1, 0]
+    assert weights.toarray().tolist() == [[0.7, 0.1, 0.2, 0], [0.4, 0, 0, 0.6]]
+    assert regions.frames == ((0, 1, 2), (0, 3))
