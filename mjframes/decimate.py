@@ -158,7 +158,8 @@ def _turns(u, v, position, x, faces, alive, first, following):
         if alive[f] and p != v and q != v:
             before = np.cross(x[p] - x[u], x[q] - x[u])
             after = np.cross(x[p] - position, x[q] - position)
-            if before @ after <= LARGEST_TURN * np.sqrt((before @ before) * (after @ after)):
+            turned = before @ after < LARGEST_TURN * np.sqrt((before @ before) * (after @ after))
+            if turned or after @ after == 0:
                 return True
         corner = following[corner]
     return False

@@ -58,23 +58,25 @@ def attach(
     of all that is added.  contact: whether it collides with the scene's geoms.
     Raises MjframesError for a name that cannot be used, and where the plugin cannot be loaded.
     """
-    if not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
-        raise MjframesError(f"name is {name!r}; use letters, digits, '_', '-' and '.' only.")
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{2,}", name):
+        raise MjframesError(f"name is {name!r}; use two or more letters, digits, '_', '-' or '.'.")
     if len(pos) != 3 or len(quat) != 4 or not np.isfinite([*pos, *quat]).all() or not np.any(quat):
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
     plugin.load()
+    # MuJoCo wants a prefix when it attaches: all but the last letter of the name, which makes the names come out right
+    prefix, local = name[:-1], name[-1]
     spec = mujoco.MjSpec()
     spec.activate_plugin(plugin.NAME)
     patches = _patches(body) if contact else []
-    instance = spec.add_plugin(name=name, plugin_name=plugin.NAME, active=True)
+    instance = spec.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
     instance.config = _configuration(body, patches)
-    bodies = _add_bodies(spec, body, name)
+    bodies = _add_bodies(spec, body, local)
     if patches:
-        _add_patches(spec, body, name, bodies, patches)
-    _add_skins(spec, body, name)
+        _add_patches(spec, body, local, bodies, patches)
+    _add_skins(spec, body, local)
     frame = parent.add_frame(pos=list(pos), quat=list(quat))
     try:
-        frame.attach_body(bodies[0], "", "")
+        frame.attach_body(bodies[0], prefix, "")
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
 
@@ -86,16 +88,22 @@ def _add_bodies(spec: mujoco.MjSpec, body: SoftBody, name: str) -> list[mujoco.M
         origin = control.rest[above] if above >= 0 else np.zeros(3)
         child = (bodies[above] if above >= 0 else spec.worldbody).add_body(
             name=name if j == 0 else f"{name}_{j}",
-            pos=control.rest[j] - origin,
+            pos=_printable(control.rest[j] - origin),
             explicitinertial=True,
-            mass=control.mass[j],
-            inertia=np.full(3, INERTIA * control.mass[j] * size**2),
+            ipos=[0, 0, 0],  # without it a saved model loses the masses
+            mass=_printable(control.mass[j])[0],
+            inertia=_printable(np.full(3, INERTIA * control.mass[j] * size**2)),
         )
         for axis, letter in zip(np.eye(3), "xyz", strict=True):
             child.add_joint(name=f"{name}_{j}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         _use_plugin(child, name)
         bodies.append(child)
     return bodies
+
+
+def _printable(values: np.ndarray | float) -> list[float]:
+    """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
+    return [float(f"{value:.6g}") for value in np.atleast_1d(values)]
 
 
 def _parent_points(body: SoftBody) -> list[int]:

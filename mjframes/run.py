@@ -300,4 +300,4 @@ def _weight(model: mujoco.MjModel) -> float:
 
 def _sentence(error: Exception, warnings: list[str]) -> str:
     """MuJoCo's reason in one line; a plugin gives its own as a warning, of which the error says nothing."""
-    return " ".join((warnings[-1] if warnings else str(error)).split()).rstrip(".")
+    return " ".join((warnings[-1] if warnings else str(error)).split()).removeprefix("mjframes: ").rstrip(".")

@@ -9,10 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjframes.body import build
 from mjframes.errors import MjframesError
 from mjframes.log import read_log
+from mjframes.material import Material
 from mjframes.run import Recording, kinetic_energy, load_scene, mujoco_warnings, penetration, record, summary
+from mjframes.scene import standalone_scene
 from mjframes.video import find_camera
+from mjframes.volume import Volume
 
 SCENE = """
 <mujoco>
@@ -188,6 +192,32 @@ def test_load_scene(tmp_path: Path) -> None:
     with pytest.raises(MjframesError, match=r"scene\.xml: MuJoCo cannot load the scene \(.*plain.*\)\.$") as caught:
         load_scene(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [("integrator", mujoco.mjtIntegrator.mjINT_RK4, "RK4"), ("solver", mujoco.mjtSolver.mjSOL_PGS, "PGS")],
+)
+def test_the_plugins_reason_is_told(option: str, value: int, reason: str) -> None:
+    rubber = Material(1e5, 0.4, 1000)
+    volume = Volume.from_labels(np.ones((6, 3, 3), int), spacing=0.01, materials={1: rubber})
+    model = standalone_scene(build(volume, 2, 2), volume).compile()
+    setattr(model.opt, option, value)
+    with pytest.raises(MjframesError, match=rf"^MuJoCo cannot start the scene \(soft body 'soft': .*{reason}.*\)\.$"):
+        record(model, 0.1)
+
+
+def test_soft_bodies_are_logged_and_their_energy_never_grows(tmp_path: Path) -> None:
+    volume = Volume.from_labels(np.ones((6, 3, 3), int), spacing=0.01, materials={1: Material(1e5, 0.4, 1000)})
+    model = standalone_scene(build(volume, 2, 2), volume, name="block").compile()
+    recording = record(model, 1.0, log=tmp_path / "a.mcap")
+    messages = read_log(tmp_path / "a.mcap").messages["/soft/block"]
+    assert max(message["elastic"] for message in messages) > 0
+    for instant, message in zip(recording.instants, messages, strict=True):
+        assert instant.kinetic == pytest.approx(message["kinetic"], rel=1e-4, abs=1e-12)
+    assert recording.weight == pytest.approx(54e-6 * 1000 * 9.81, rel=1e-6)
+    assert recording.instants[-1].normal_force == pytest.approx(recording.weight, rel=0.01)
+    assert recording.energy_gain < 1e-3 * np.ptp(recording.energy)
 
 
 def test_warnings_are_caught_and_given_back() -> None:
