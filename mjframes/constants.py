@@ -2,7 +2,8 @@
 
 FORMAT_VERSION = 1  # of saved soft bodies and of the plugin's configuration; a plugin refuses any other
 
-RIGID_YOUNG = 1e10  # [Pa] cortical bone: what keeps an affine frame inside a rigid material rigid
+RIGID_YOUNG = 1e10  # [Pa] cortical bone: an upper bound of what keeps an affine frame in a rigid material rigid
+RIGID_RATIO = 1e3  # [-] to the stiffest soft material: its stresses then strain a rigid one by a thousandth at most
 RIGID_POISSON = 0.3  # [-] cortical bone
 
 NEGLIGIBLE_WEIGHT = 1e-3  # [-] smaller weights are dropped: a displacement error of a thousandth of the frame's own

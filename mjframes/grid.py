@@ -6,12 +6,14 @@ Everything after this stage works on these n voxels, never on the image.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mjframes.constants import RIGID_RATIO
+from mjframes.material import Material
 from mjframes.volume import Volume
 
 
@@ -53,6 +55,7 @@ def voxel_grid(volume: Volume) -> Grid:
     present, material = np.unique(label, return_inverse=True)
     table = [volume.materials[int(number)] for number in present]
     is_rigid = np.array([m.is_rigid for m in table])[material]
+    modulus = _strain_moduli(table)
 
     rigid_image = np.zeros(inside.shape, bool)
     rigid_image[inside] = is_rigid
@@ -67,10 +70,19 @@ def voxel_grid(volume: Volume) -> Grid:
         centers=volume.origin + (index + 0.5) * volume.spacing @ volume.axes.T,
         cell_volume=float(np.prod(volume.spacing)),
         label=label,
-        young=np.array([m.young for m in table])[material],
-        lam=np.array([m.lame[0] for m in table])[material],
-        mu=np.array([m.lame[1] for m in table])[material],
+        young=np.array([m.young for m in modulus])[material],
+        lam=np.array([m.lame[0] for m in modulus])[material],
+        mu=np.array([m.lame[1] for m in modulus])[material],
         density=np.array([m.density for m in table])[material],
         compliance=np.array([m.compliance for m in table])[material],
         piece=pieces[inside].astype(np.int32) - np.int32(1),
     )
+
+
+def _strain_moduli(table: list[Material]) -> list[Material]:
+    """The materials with rigid ones made just stiff enough: more buys no rigidity, only energy of second-order stretch.
+
+    A point on a circle that moves along its tangent for a step leaves the circle, and a stiff body pays E for that.
+    """
+    stiffest = max((m.young for m in table if not m.is_rigid), default=np.inf)
+    return [replace(m, young=min(m.young, RIGID_RATIO * stiffest)) if m.is_rigid else m for m in table]

@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 FLESH, BONE, FAT = 1, 2, 3
 SPACING = 2.28e-3  # [m] what gives the paper's number of voxels
 MATERIALS = {
-    FLESH: Material(young=3e4, poisson=0.45, density=1050, name="flesh", rgba=(0.62, 0.09, 0.11, 1.0)),
+    FLESH: Material(young=1.2e4, poisson=0.45, density=1050, name="flesh", rgba=(0.62, 0.09, 0.11, 1.0)),
     BONE: Material.rigid(density=1900, name="bone", rgba=(0.93, 0.89, 0.77, 1.0)),
-    FAT: Material(young=1e4, poisson=0.45, density=920, name="fat", rgba=(0.96, 0.87, 0.70, 1.0)),
+    FAT: Material(young=5e3, poisson=0.45, density=920, name="fat", rgba=(0.96, 0.87, 0.70, 1.0)),
 }
 
 # All lengths below in centimetres. The outline runs clockwise from the left end of the cross bar.
