@@ -84,11 +84,10 @@ def attach(
 def _add_bodies(spec: mujoco.MjSpec, body: SoftBody, name: str) -> list[mujoco.MjsBody]:
     control, size = body.control, np.ptp(body.control.rest, axis=0).max()
     bodies: list[mujoco.MjsBody] = []
-    for j, above in enumerate(_parent_points(body)):
-        origin = control.rest[above] if above >= 0 else np.zeros(3)
+    for j, (above, offset) in enumerate(zip(_parent_points(body), _offsets(body), strict=True)):
         child = (bodies[above] if above >= 0 else spec.worldbody).add_body(
             name=name if j == 0 else f"{name}_{j}",
-            pos=_printable(control.rest[j] - origin),
+            pos=offset,
             explicitinertial=True,
             ipos=[0, 0, 0],  # without it a saved model loses the masses
             mass=_printable(control.mass[j])[0],
@@ -104,6 +103,20 @@ def _add_bodies(spec: mujoco.MjSpec, body: SoftBody, name: str) -> list[mujoco.M
 def _printable(values: np.ndarray | float) -> list[float]:
     """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
     return [float(f"{value:.6g}") for value in np.atleast_1d(values)]
+
+
+def _offsets(body: SoftBody) -> list[list[float]]:
+    """Of each control point where it rests, from the one it hangs on [m]."""
+    rest = body.control.rest
+    return [_printable(rest[j] - (rest[above] if above >= 0 else 0)) for j, above in enumerate(_parent_points(body))]
+
+
+def _written_rest(body: SoftBody) -> np.ndarray:
+    """x̄ (k, 3) [m] as the bodies have it, digits lost: from any other a stiff body is strained where it rests."""
+    rest = np.array(_offsets(body))
+    for j, above in enumerate(_parent_points(body)):
+        rest[j] += rest[above] if above >= 0 else 0
+    return rest
 
 
 def _parent_points(body: SoftBody) -> list[int]:
@@ -183,7 +196,7 @@ def _configuration(body: SoftBody, patches: list[np.ndarray]) -> dict[str, str]:
         "law": "corotational",
         "alpha": repr(body.damping[0]),
         "beta": repr(body.damping[1]),
-        "point_rest": encode(body.control.rest),
+        "point_rest": encode(_written_rest(body)),
         "region_size": encode([len(points) for points in stiffness.points]),
         "region_point": encode(np.concatenate(stiffness.points)),
         "region_gradient": encode(np.concatenate(stiffness.gradient)),

@@ -24,6 +24,7 @@ from rich.progress import track
 from mjframes import plugin, view
 from mjframes.errors import MjframesError
 
+PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft.cc)
 RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of some megabytes
 DIVERGED = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -299,5 +300,8 @@ def _weight(model: mujoco.MjModel) -> float:
 
 
 def _sentence(error: Exception, warnings: list[str]) -> str:
-    """MuJoCo's reason in one line; a plugin gives its own as a warning, of which the error says nothing."""
-    return " ".join((warnings[-1] if warnings else str(error)).split()).removeprefix("mjframes: ").rstrip(".")
+    """The reason in one line: the plugin's own words where it has some, else MuJoCo's."""
+    lines = [*warnings, *str(error).splitlines()]
+    own = [line for line in lines if line.startswith(PLUGIN_WARNING)]
+    text = own[-1].removeprefix(PLUGIN_WARNING) if own else (warnings or [str(error)])[-1]
+    return " ".join(text.split()).rstrip(".")

@@ -38,8 +38,8 @@ void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double
 Vec3 Vertex(const double* skinned, int n, int s) { return {skinned[s], skinned[n + s], skinned[2 * n + s]}; }
 
 // Where the clusters of a patch touch geom `other`, touching or not; one contact a cluster.
-int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, const GeomQuery& other,
-                    double* skinned, double* blend, ClusterContact* out) {
+int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, const GeomQuery& other, double* skinned,
+                    double* blend, ClusterContact* out) {
   const int n = patch.vertices;
   const double radius = body.contact_radius();
   SkinPatch(body, patch, d, skinned);
@@ -222,7 +222,8 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       next = 0;
     }
     // contacts of a pair come in the order of the clusters, without those that do not touch
-    while (next < count && Norm(found[next].position - Vec3{contact.pos[0], contact.pos[1], contact.pos[2]}) > kSamePlace) {
+    while (next < count &&
+           Norm(found[next].position - Vec3{contact.pos[0], contact.pos[1], contact.pos[2]}) > kSamePlace) {
       next++;
     }
     if (next == count) continue;

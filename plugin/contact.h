@@ -1,9 +1,9 @@
 // Contacts of patches: where MuJoCo asks for them (collision hook) and what the solver sees (rows).
 //
-// A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that are
-// nearly as deep as its deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero continuously:
-// choosing single vertices instead makes a resting body flip between choices for ever. A contact row along t reads
-// tᵀ Σ_s a_s Σ_j W_j(s) J_j over the degrees of freedom of the soft body: equation (11).
+// A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that
+// are nearly as deep as its deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero
+// continuously: choosing single vertices instead makes a resting body flip between choices for ever. A contact row
+// along t reads tᵀ Σ_s a_s Σ_j W_j(s) J_j over the degrees of freedom of the soft body: equation (11).
 
 #ifndef MJFRAMES_PLUGIN_CONTACT_H_
 #define MJFRAMES_PLUGIN_CONTACT_H_

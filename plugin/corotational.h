@@ -17,13 +17,13 @@ namespace mjframes {
 
 // One region: the control points that move it and how stiffly (m points).
 struct Region {
-  std::vector<int32_t> point;        // control points, ancestors first        (m)
-  std::vector<Vec3> rest;            // x̄_j minus their mean [m]               (m)
-  std::vector<Vec3> gradient;        // ḡ_j: mean gradient of W_j [1/m]        (m)
-  std::vector<double> stiffness;     // K_e, rows of 3m entries [N/m]          (3m × 3m)
-  std::vector<double> blocks;        // K_e again, see BlockOffset             (packed)
-  std::vector<int32_t> pair;         // global pair of each block (j, k ≤ j)   (m(m+1)/2)
-  double inverse_extent;             // 1 / Σ_j |x̄_j|² [1/m²]
+  std::vector<int32_t> point;     // control points, ancestors first        (m)
+  std::vector<Vec3> rest;         // x̄_j minus their mean [m]               (m)
+  std::vector<Vec3> gradient;     // ḡ_j: mean gradient of W_j [1/m]        (m)
+  std::vector<double> stiffness;  // K_e, rows of 3m entries [N/m]          (3m × 3m)
+  std::vector<double> blocks;     // K_e again, see BlockOffset             (packed)
+  std::vector<int32_t> pair;      // global pair of each block (j, k ≤ j)   (m(m+1)/2)
+  double inverse_extent;          // 1 / Σ_j |x̄_j|² [1/m²]
 
   int size() const { return static_cast<int>(point.size()); }
 };
@@ -37,10 +37,10 @@ int BlockOffset(int j);
 // Scratch memory for the largest region of a body; allocated once.
 struct RegionScratch {
   explicit RegionScratch(int max_points);
-  std::vector<double> rhs, product;   // [y | Z] and K_e [y | Z], 4 columns     (3m × 4)
-  std::vector<Vec3> z, h;             // z_j = Rᵀ x_j centred; h_j (A_j = [h_j]×) (m)
-  std::vector<double> n, v;           // N and V by component                    (9 × m padded)
-  std::vector<double> blocks;         // R Pᵀ K_e P Rᵀ, laid out as Region::blocks
+  std::vector<double> rhs, product;  // [y | Z] and K_e [y | Z], 4 columns     (3m × 4)
+  std::vector<Vec3> z, h;            // z_j = Rᵀ x_j centred; h_j (A_j = [h_j]×) (m)
+  std::vector<double> n, v;          // N and V by component                    (9 × m padded)
+  std::vector<double> blocks;        // R Pᵀ K_e P Rᵀ, laid out as Region::blocks
 };
 
 // Rotation of the region's mean deformation gradient. x: all control points of the body [m].

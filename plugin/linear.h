@@ -48,8 +48,7 @@ inline Mat3 Transpose(const Mat3& a) { return {a[0], a[3], a[6], a[1], a[4], a[7
 inline Mat3 Skew(const Vec3& v) { return {0, -v[2], v[1], v[2], 0, -v[0], -v[1], v[0], 0}; }
 
 inline double Det(const Mat3& a) {
-  return a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) +
-         a[2] * (a[3] * a[7] - a[4] * a[6]);
+  return a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) + a[2] * (a[3] * a[7] - a[4] * a[6]);
 }
 
 // a⁻¹; the caller guarantees that a is regular

@@ -3,8 +3,8 @@
 #ifndef MJFRAMES_PLUGIN_MULTIVERSION_H_
 #define MJFRAMES_PLUGIN_MULTIVERSION_H_
 
-// Sanitizers instrument the loader's choice function before they are ready for it.
-#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__) && \
+// GCC 11 knows no arch=x86-64-v3 here. Sanitizers instrument the loader's choice function before they are ready for it.
+#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(MJFRAMES_SANITIZE)
 #define MJFRAMES_MULTIVERSION __attribute__((target_clones("default", "arch=x86-64-v3")))
 #else

@@ -15,12 +15,21 @@ namespace {
 constexpr char kVersion[] = "1";  // of the configuration; a model written by another version is refused
 
 constexpr const char* kAttributes[] = {
-    "version",                                                                 //
-    "law",              "alpha",          "beta",                              //
-    "point_rest",                                                              // (k × 3) [m]
-    "region_size",      "region_point",   "region_gradient", "region_stiffness",
-    "contact_radius",                                                          // [m]
-    "patch_size",       "patch_clusters", "patch_cluster_size", "patch_point",  "patch_weight",
+    "version",  //
+    "law",
+    "alpha",
+    "beta",        //
+    "point_rest",  // (k × 3) [m]
+    "region_size",
+    "region_point",
+    "region_gradient",
+    "region_stiffness",
+    "contact_radius",  // [m]
+    "patch_size",
+    "patch_clusters",
+    "patch_cluster_size",
+    "patch_point",
+    "patch_weight",
 };
 
 // Reads the configuration of one instance; the first failure is kept as a sentence.
@@ -151,9 +160,9 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
   std::vector<Region> regions;
   for (const int32_t m : size) {
     const size_t n = 3 * static_cast<size_t>(std::max(m, 0));
-    if (!reader->Check(m > 0 && p + m <= point.size() && 3 * (p + m) <= gradient.size() &&
-                           s + n * (n + 1) / 2 <= stiffness.size(),
-                       "its region arrays do not match each other")) {
+    if (!reader->Check(
+            m > 0 && p + m <= point.size() && 3 * (p + m) <= gradient.size() && s + n * (n + 1) / 2 <= stiffness.size(),
+            "its region arrays do not match each other")) {
       return {};
     }
     Region region;
@@ -180,7 +189,8 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
     for (int j = 0; j < m; j++) {
       for (int k = 0; k <= j; k++) {
         for (int e = 0; e < 9; e++) {
-          region.blocks[BlockOffset(j) + e * BlockStride(j) + k] = region.stiffness[(3 * j + e / 3) * n + 3 * k + e % 3];
+          region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
+              region.stiffness[(3 * j + e / 3) * n + 3 * k + e % 3];
         }
         region.pair.push_back(points[region.point[j]].pair + points[region.point[k]].depth);
       }
@@ -224,9 +234,9 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
       }
       n += vertices;
     }
-    if (!reader->Check(count > 0 && n <= kMaxPatchVertices && p + count <= point.size() &&
-                           w + count * n <= weight.size(),
-                       "its patch arrays do not match each other")) {
+    if (!reader->Check(
+            count > 0 && n <= kMaxPatchVertices && p + count <= point.size() && w + count * n <= weight.size(),
+            "its patch arrays do not match each other")) {
       return {};
     }
     patch.vertices = static_cast<int>(n);

@@ -27,16 +27,16 @@ inline constexpr char kPluginName[] = "mjframes.soft";
 
 // A control point and where its degrees of freedom stand in MuJoCo's arrays.
 struct ControlPoint {
-  int body;          // MuJoCo body
-  int parent;        // control point, −1 for the root
-  int depth;         // number of ancestor points
-  int pair;          // its pairs with the ancestors at depth 0, 1, … start here; the last is with itself
-  int qpos;          // address of its three coordinates
-  int dof;           // address of its three velocities
-  int inertia[3];    // entry of d->M in row dof + r and the root point's first column
-  double mass;       // [kg]
-  Vec3 reference;    // qpos0 [m]
-  Vec3 rest;         // x̄_j [m]
+  int body;        // MuJoCo body
+  int parent;      // control point, −1 for the root
+  int depth;       // number of ancestor points
+  int pair;        // its pairs with the ancestors at depth 0, 1, … start here; the last is with itself
+  int qpos;        // address of its three coordinates
+  int dof;         // address of its three velocities
+  int inertia[3];  // entry of d->M in row dof + r and the root point's first column
+  double mass;     // [kg]
+  Vec3 reference;  // qpos0 [m]
+  Vec3 rest;       // x̄_j [m]
 };
 
 class SoftBody {

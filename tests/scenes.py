@@ -1,0 +1,169 @@
+"""Small soft bodies in scenes, and the same physics in dense matrices, from `mechanics.py`."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+from shapes import mixed
+
+from mjframes.body import SoftBody, build
+from mjframes.material import Material
+from mjframes.mechanics import region_response
+from mjframes.mjcf import attach
+from mjframes.view import Soft, soft, soft_names
+from mjframes.volume import Volume
+
+FLOOR = '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 .1"/></worldbody></mujoco>'
+TILTED = (0.9, 0.3, -0.2, 0.25)
+
+
+@cache
+def lump(alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
+    """Three materials, two bones and a hole; four frames, one below the other; large regions."""
+    return build(mixed(), 4, 6, damping=(alpha, beta))
+
+
+@cache
+def beam(young: float = 2e4, alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
+    """0.24 m along x, two layers; five frames in a tree with two branches."""
+    labels = np.ones((24, 4, 4), int)
+    labels[:, 2:] = 2
+    labels[10:14, 1:3, 1:3] = 3
+    materials = {
+        1: Material(young, 0.4, 1000),
+        2: Material(3 * young, 0.3, 1100),
+        3: Material(40 * young, 0.3, 1900),
+    }
+    return build(Volume.from_labels(labels, 0.01, materials), 5, 12, damping=(alpha, beta))
+
+
+def in_space(body: SoftBody, **options: object) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The body alone, without gravity, turned; contact left out."""
+    weightless = "<mujoco><option gravity='0 0 0'/></mujoco>"
+    return compiled(weightless, (body, (0.1, 0.2, 0.3), TILTED), contact=False, **options)
+
+
+def compiled(
+    xml: str,
+    *bodies: tuple[SoftBody, tuple[float, ...], tuple[float, ...]],
+    contact: bool = True,
+    parent: str = "world",
+    **options: object,
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A scene with soft bodies at (pos, quat) of `parent`, named soft0, soft1, …; `options` of the simulation."""
+    spec = mujoco.MjSpec.from_string(xml)
+    for key, value in options.items():
+        setattr(spec.option, key, value)
+    for number, (body, pos, quat) in enumerate(bodies):
+        attach(spec.body(parent), body, f"soft{number}", pos, quat, contact)
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+def point_jacobian(model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
+    """∂x/∂q (3k, nv) of the origins of `bodies` (k,); needs mj_forward."""
+    jacobian = np.zeros((len(bodies), 3, model.nv))
+    for j, body in enumerate(bodies):
+        mujoco.mj_jacBody(model, data, jacobian[j], None, int(body))
+    return jacobian.reshape(-1, model.nv)
+
+
+def point_mass(model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
+    """(nv, nv) inertia of the masses of control points `bodies` (k,)."""
+    jacobian = point_jacobian(model, data, bodies)
+    return jacobian.T @ (np.repeat(model.body_mass[bodies], 3)[:, None] * jacobian)
+
+
+def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[np.ndarray, np.ndarray]:
+    """Elastic force (nv,) and stiffness (nv, nv) in MuJoCo's coordinates, region by region; needs mj_forward."""
+    x = view.control_positions
+    force, stiffness = np.zeros(x.size), np.zeros((x.size, x.size))
+    for points, gradient, matrix in view.regions:
+        f, k = region_response(x[points], view.rest[points], gradient, matrix)
+        dofs = (3 * points[:, None] + np.arange(3)).ravel()
+        force[dofs] += f.ravel()
+        stiffness[np.ix_(dofs, dofs)] += k
+    jacobian = point_jacobian(model, data, view.bodies)
+    return jacobian.T @ force, jacobian.T @ stiffness @ jacobian
+
+
+def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7)."""
+    h, v = model.opt.timestep, data.qvel
+    passive, inertia = np.zeros(model.nv), np.zeros((model.nv, model.nv))
+    for name in soft_names(model):
+        view = soft(model, data, name)
+        alpha, beta = float(view.configuration["alpha"]), float(view.configuration["beta"])
+        force, stiffness = elasticity(model, data, view)
+        mass = point_mass(model, data, view.bodies)
+        passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
+        inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
+    return passive, inertia
+
+
+def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """M (nv, nv) of all bodies, from their Jacobians; needs mj_forward."""
+    inertia = np.diag(model.dof_armature)
+    for body in range(1, model.nbody):
+        translation, rotation = np.zeros((2, 3, model.nv))
+        mujoco.mj_jacBodyCom(model, data, translation, rotation, body)
+        turn = data.ximat[body].reshape(3, 3)
+        inertia += model.body_mass[body] * translation.T @ translation
+        inertia += rotation.T @ turn @ np.diag(model.body_inertia[body]) @ turn.T @ rotation
+    return inertia
+
+
+def dense_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """d->M (nv, nv)."""
+    inertia = np.zeros((model.nv, model.nv))
+    row = np.repeat(np.arange(model.nv), model.M_rownnz)
+    inertia[row, model.M_colind] = inertia[model.M_colind, row] = data.M
+    return inertia
+
+
+def dense_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """efc_J (nefc, nv)."""
+    if not mujoco.mj_isSparse(model):
+        return data.efc_J.reshape(data.nefc, model.nv).copy()
+    jacobian = np.zeros((data.nefc, model.nv))
+    for i in range(data.nefc):
+        entries = slice(data.efc_J_rowadr[i], data.efc_J_rowadr[i] + data.efc_J_rownnz[i])
+        jacobian[i, data.efc_J_colind[entries]] = data.efc_J[entries]
+    return jacobian
+
+
+def coordinates(model: mujoco.MjModel, view: Soft) -> np.ndarray:
+    """(k, 3) places of a soft body's coordinates in qpos."""
+    return model.jnt_qposadr[model.body_jntadr[view.bodies]][:, None] + np.arange(3)
+
+
+def move_points(model: mujoco.MjModel, data: mujoco.MjData, view: Soft, x: np.ndarray) -> None:
+    """Set qpos so that the control points come to x (k, 3) in the world [m]."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    jacobian = point_jacobian(model, data, view.bodies)[:, view.dofs.ravel()]
+    slide = np.linalg.solve(jacobian, (x - view.control_positions).ravel())
+    data.qpos[coordinates(model, view)] += slide.reshape(-1, 3)
+
+
+def distorted(rest: np.ndarray, rng: np.random.Generator, size: float = 0.3) -> np.ndarray:
+    """x (k, 3): `rest` (k, 3) stretched, sheared, bent and crumpled, then turned about its middle by any angle."""
+    middle, extent = rest.mean(axis=0), np.ptp(rest, axis=0).max()
+    p = (rest - middle) / extent
+    bent = p + size * (p @ rng.normal(size=(3, 3)) + (p**2) @ rng.normal(size=(3, 3)))
+    crumpled = bent + 0.1 * size * rng.normal(size=p.shape)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return middle + extent * crumpled @ (turn * np.linalg.det(turn))
+
+
+def distort(model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, speed: float = 0.0) -> None:
+    """A random state of every soft body, with random velocities of all degrees of freedom [m/s]; calls mj_forward."""
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_kinematics(model, data)
+    for name in soft_names(model):
+        view = soft(model, data, name)
+        move_points(model, data, view, distorted(view.control_positions, rng))
+    data.qvel[:] = speed * rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)

@@ -1,0 +1,30 @@
+"""Each example runs and gives the number it should."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from examples.steak import run, steak_scene
+from mjframes.log import read_log
+
+
+def test_steak_comes_to_rest_on_the_block() -> None:
+    model = steak_scene().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=3000)
+    soft = model.body_rootid == model.body("steak").id
+    speed = data.cvel[soft, 3:]
+    assert np.abs(speed).max() < 1e-4  # [m/s], after 6 s
+    assert data.subtree_com[model.body("steak").id][2] > 0.04  # [m]: on the block, not on the worktop
+
+
+def test_steak_leaves_film_plot_and_log(tmp_path: Path) -> None:
+    recording = run(tmp_path, duration=0.3)
+    for name in ("steak.mp4", "steak.png", "steak.mcap", "steak.xml"):
+        assert (tmp_path / name).stat().st_size > 1000
+    assert recording.energy_gain < 1e-3  # [J]
+    assert recording.penetration < 5e-3  # [m]
+    assert len(read_log(tmp_path / "steak.mcap").messages["/state"]) == recording.steps
