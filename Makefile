@@ -56,7 +56,7 @@ $(VENV)/installed-lint: $(VENV)/installed
 	touch $@
 
 $(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip
-	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,video,log,plot,test]" mujoco==$(MUJOCO4)
+	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,meshes,video,log,plot,test]" mujoco==$(MUJOCO4)
 	touch $@
 
 %/bin/pip:

@@ -15,6 +15,7 @@ from mjframes.body import ContactSpheres, Skin, SoftBody
 from mjframes.constants import FORMAT_VERSION
 from mjframes.control import ControlPoints
 from mjframes.errors import MjframesError
+from mjframes.fields import pack_fields, unpack_fields
 from mjframes.files import replacing
 from mjframes.material import Material
 from mjframes.stiffness import Stiffness
@@ -29,10 +30,14 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "kind": np.array(KIND),
         "version": np.array(FORMAT_VERSION),
         "parent": body.parent,
+        "fixed": np.array(body.fixed),
         "control_frame": body.control.frame,
         "control_rest": body.control.rest,
         "control_mass": body.control.mass,
         "control_basis": body.control.basis,
+        "control_center": body.control.center,
+        "control_scale": body.control.scale,
+        "control_axes": body.control.axes,
         "region_size": np.array([len(points) for points in stiffness.points]),
         "region_points": np.concatenate(stiffness.points),
         "region_gradient": np.concatenate(stiffness.gradient),
@@ -52,6 +57,7 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
     }
     for name, weights in (("skin", body.skin.weights), ("contact", body.contact.weights)):
         arrays |= {f"{name}_weight": weights.data, f"{name}_index": weights.indices, f"{name}_row": weights.indptr}
+    arrays |= pack_fields(body.fields)
     with replacing(path, "the soft body") as partial, open(partial, "wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -68,11 +74,15 @@ def load(path: str | os.PathLike[str]) -> SoftBody:
     size = arrays["region_size"]
     ends = np.cumsum(size)[:-1]
     matrices = np.split(arrays["region_matrix"], np.cumsum(3 * size * (3 * size + 1) // 2)[:-1])
-    materials = json.loads(str(arrays["materials"]))
+    materials = {
+        int(label): Material(**{**m, "rgba": tuple(m["rgba"])})
+        for label, m in json.loads(str(arrays["materials"])).items()
+    }
     return SoftBody(
         parent=arrays["parent"],
+        fixed=int(arrays["fixed"]),
         control=ControlPoints(
-            arrays["control_frame"], arrays["control_rest"], arrays["control_mass"], arrays["control_basis"]
+            **{name: arrays[f"control_{name}"] for name in ("frame", "rest", "mass", "basis", "center", "scale", "axes")}
         ),
         stiffness=Stiffness(
             points=tuple(np.split(arrays["region_points"], ends)),
@@ -89,9 +99,10 @@ def load(path: str | os.PathLike[str]) -> SoftBody:
             arrays["contact_cluster"],
             weights("contact"),
         ),
-        materials={int(label): Material(**{**m, "rgba": tuple(m["rgba"])}) for label, m in materials.items()},
+        materials=materials,
         damping=(float(arrays["damping"][0]), float(arrays["damping"][1])),
         voxels=int(arrays["voxels"]),
+        fields=unpack_fields(arrays, materials),
     )
 
 

@@ -5,23 +5,26 @@ volume → grid → frame placement → weights → regions → elimination tree
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from mjframes.control import ControlPoints, control_points, control_weights
+from mjframes.cache import cached
+from mjframes.control import ControlPoints, control_points, control_weights, frame_types
 from mjframes.errors import MjframesError
+from mjframes.fields import Fields
+from mjframes.fixed import Fixed, fixed_cores
 from mjframes.grid import voxel_grid
 from mjframes.material import Material
 from mjframes.patches import group_patches
 from mjframes.placement import place_frames
 from mjframes.regions import split_regions
 from mjframes.stiffness import Stiffness, region_stiffness
-from mjframes.surfaces import contact_points, extract_surface, surface_weights
-from mjframes.tree import depth_first, elimination_tree
+from mjframes.surfaces import Surface, contact_points, extract_surface, surface_weights
+from mjframes.tree import depth_first, frame_tree
 from mjframes.volume import Volume, require_connected
 from mjframes.weights import voronoi_weights
 
@@ -60,11 +63,14 @@ class SoftBody:
     """Everything a scene needs of a soft body. k control points, f frames, r regions.
 
     parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.
+    fixed: the first so many frames do not move in the body that the soft body is attached to.
     control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each region [-].
     skin, contact: its surfaces.  materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how many.
+    fields: what is known at each voxel.
     """
 
     parent: np.ndarray
+    fixed: int
     control: ControlPoints
     stiffness: Stiffness
     fit_error: np.ndarray
@@ -73,6 +79,7 @@ class SoftBody:
     materials: dict[int, Material]
     damping: tuple[float, float]
     voxels: int
+    fields: Fields
 
     def save(self, path: str) -> None:
         """Write an .npz; an existing file is replaced only by a complete one."""
@@ -94,16 +101,20 @@ def build(
     samples: int = 10,
     *,
     at: ArrayLike | None = None,
+    frame_type: str | Sequence[str] = "affine",
     damping: tuple[float, float] = (0.0, 0.0),
     contact_radius: float | None = None,
+    fixed: Sequence[Fixed] = (),
     seed: int = 0,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> SoftBody:
     """Build a soft body from a volume.
 
     frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the paper's
-    integration samples).  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a
-    voxel unless given.  progress: called with the name of each stage.
+    integration samples).  frame_type: "affine" (12 degrees of freedom) or "quadratic" (30), for all frames or a
+    sequence with one for each.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a
+    voxel unless given.  fixed: pieces that do not move in the body that the soft body is attached to; each is a frame
+    of its own, beside those asked for.  progress: called with the name of each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
     if not all(np.isfinite(rate) and rate >= 0 for rate in damping):
@@ -112,23 +123,29 @@ def build(
     progress("listing the voxels")
     grid = voxel_grid(volume)
     progress("placing the frames")
-    placement = place_frames(grid, frames, at, seed)
+    cores = fixed_cores(grid, fixed)
+    placement = place_frames(grid, frames, at, seed, cores)
+    types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
     progress("computing the weights")
     weights = voronoi_weights(grid, placement)
     progress("splitting the regions")
     regions = split_regions(grid, weights, samples)
-    tree = elimination_tree(regions.frames, len(placement.seeds))
+    tree = frame_tree(regions, len(placement.seeds), len(cores))
+    types = [types[i] for i in tree.order]
+    seeds = tuple(placement.seeds[i] for i in tree.order)
     weights, regions, tree = depth_first(weights, regions, tree)
     progress("summing the stiffness")
-    control = control_points(grid, weights)
+    control = control_points(grid, weights, types)
     stiffness = region_stiffness(grid, weights, control, regions, tree)
     progress("attaching the surfaces")
-    surface = extract_surface(volume)
+    shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
+    surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
     spheres = contact_points(surface, volume, contact_radius)
     sphere_weights = control_weights(surface_weights(grid, weights, spheres.positions), control, spheres.positions)
     patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
     return SoftBody(
         parent=tree.parent,
+        fixed=len(cores),
         control=control,
         stiffness=stiffness,
         fit_error=regions.fit_error,
@@ -148,4 +165,5 @@ def build(
         materials=dict(volume.materials),
         damping=(float(damping[0]), float(damping[1])),
         voxels=len(grid.index),
+        fields=Fields(volume, weights, regions.label, seeds),
     )

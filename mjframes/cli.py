@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `run`, `view`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `view`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -9,13 +9,16 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from mjframes.errors import MjframesError
-from mjframes.material import Material
+
+if TYPE_CHECKING:
+    from mjframes.volume import Volume
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,24 +42,33 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build(arguments: argparse.Namespace) -> int:
-    """Label image in, soft body (.npz) or scene (.xml) out."""
+    """Label image or meshes in, soft body (.npz) or scene (.xml) out."""
     output = Path(arguments.output)
     if output.suffix.lower() not in (".npz", ".xml"):
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
-    materials = dict(map(parse_material, arguments.material)) or None
-
     import mujoco
     from rich.console import Console
 
     from mjframes.body import build as build_body
     from mjframes.files import replacing
+    from mjframes.inputs import METRES, Materials, parse_fill, parse_material, read_materials, read_volume
     from mjframes.scene import standalone_scene
-    from mjframes.volume import Volume
 
+    materials = read_materials(arguments.materials) if arguments.materials else Materials()
+    materials = Materials(
+        materials.by_label | dict(map(parse_material, arguments.material)),
+        parse_fill(arguments.fill) if arguments.fill else materials.fill,
+    )
+    scale = METRES[arguments.unit] if arguments.unit else arguments.scale
     start = time.perf_counter()
     console = Console(stderr=True)
     with replacing(output, "the output") as partial, console.status("reading the volume") as status:
-        volume = Volume.from_labels(arguments.volume, spacing=arguments.spacing, materials=materials)
+        with printed_notices():
+            volume = read_volume(
+                arguments.volume, materials, spacing=arguments.spacing, voxels=arguments.voxels, scale=scale
+            )
+        if arguments.largest:
+            volume = largest_piece(volume)
         body = build_body(
             volume, frames=arguments.frames, samples=arguments.samples, seed=arguments.seed, progress=status.update
         )
@@ -74,6 +86,23 @@ def build(arguments: argparse.Namespace) -> int:
         f"{output}: {len(body.parent)} frames, {len(body.fit_error)} samples, {body.voxels} voxels, "
         f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
     )
+    return 0
+
+
+def inspect(arguments: argparse.Namespace) -> int:
+    """Soft body in, pictures of what was precomputed out."""
+    from rich.console import Console
+
+    from mjframes.body import SoftBody
+    from mjframes.inspect import draw_pictures
+
+    start = time.perf_counter()
+    asset = Path(arguments.asset)
+    folder = Path(arguments.output) if arguments.output else asset.with_name(f"{asset.stem}-pictures")
+    body = SoftBody.load(str(asset))
+    with Console(stderr=True).status("drawing") as status:
+        written = draw_pictures(body, folder, asset.name, lambda picture: status.update(f"drawing {picture}"))
+    print(f"{folder}: {len(written)} pictures, {time.perf_counter() - start:.1f} s")
     return 0
 
 
@@ -119,49 +148,45 @@ def doctor(arguments: argparse.Namespace) -> int:
     return examine()
 
 
-def parse_material(text: str) -> tuple[int, Material]:
-    """(label, material) from "1=flesh:young=3e4,poisson=0.45,density=1050" or "2=bone:rigid,density=1900".
-
-    The name is optional; rgba=0.8/0.3/0.3/1 sets the colour, the opacity may be left out.
-    Raises MjframesError for anything else.
-    """
-    head, _, tail = text.partition(":")
-    label, _, name = head.partition("=")
-    entries = [entry.strip() for entry in tail.split(",") if entry.strip()]
-    keys = {key.strip(): value for key, _, value in (entry.partition("=") for entry in entries) if key != "rigid"}
-    rigid = "rigid" in entries
-    wanted = {"density"} if rigid else {"young", "poisson", "density"}
-    if not label.strip().isdecimal() or int(label) < 1 or set(keys) - {"rgba"} != wanted:
-        raise MjframesError(
-            f"--material {text!r} is not understood; write "
-            "LABEL=NAME:young=PASCALS,poisson=RATIO,density=KG_PER_M3 or LABEL=NAME:rigid,density=KG_PER_M3."
+def largest_piece(volume: Volume) -> Volume:
+    """The volume without its smaller pieces; prints how much that is."""
+    largest = volume.largest_component()
+    voxels, kept = (int((v.labels != 0).sum()) for v in (volume, largest))
+    if kept < voxels:
+        print(
+            f"mjframes: {voxels - kept} of {voxels} voxels, not connected to the others, are dropped.", file=sys.stderr
         )
-    name = name.strip()
-    try:
-        density = float(keys["density"])
-        if rigid:
-            material = Material.rigid(density, name=name)
-        else:
-            material = Material(float(keys["young"]), float(keys["poisson"]), density, name=name)
-        if "rgba" in keys:
-            red, green, blue, alpha = map(float, (keys["rgba"] + "/1").split("/")[:4])
-            material = replace(material, rgba=(red, green, blue, alpha))
-    except MjframesError:
-        raise
-    except ValueError as error:
-        raise MjframesError(
-            f"--material {text!r} has a value that is no number; colours are r/g/b or r/g/b/a."
-        ) from error
-    return int(label), material
+    return largest
+
+
+@contextmanager
+def printed_notices() -> Iterator[None]:
+    """Prints what is said of imperfect meshes in this block, a line each, and leaves other warnings alone."""
+    from mjframes.meshes import MeshWarning
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshWarning)
+        try:
+            yield
+        finally:
+            notices = [str(warning.message) for warning in caught if issubclass(warning.category, MeshWarning)]
+    for notice in notices:
+        print(f"mjframes: {notice}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="mjframes", description="Soft bodies of several materials in MuJoCo, made of a few frames.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    command = commands.add_parser("build", help="make a soft body or a scene from a label image")
+    command = commands.add_parser("build", help="make a soft body or a scene from a label image or meshes")
     command.set_defaults(command=build)
-    command.add_argument("volume", metavar="VOLUME", help="label image: .npz, .nrrd, .nii, .nii.gz; 0 is outside")
+    command.add_argument(
+        "volume",
+        nargs="+",
+        metavar="FILE",
+        help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd; 0 is outside) "
+        "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order",
+    )
     command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
     command.add_argument("--frames", type=_count, default=3, metavar="N", help="number of frames (default %(default)s)")
     command.add_argument(
@@ -175,13 +200,29 @@ def _parser() -> argparse.ArgumentParser:
         help="one for each label, unless the image carries them: "
         "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]",
     )
+    command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
+    command.add_argument(
+        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the meshes' convex hull: flesh around bones"
+    )
     command.add_argument(
         "--spacing", type=_spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
     )
+    command.add_argument("--voxels", type=_count, metavar="N", help="about how many voxels to have inside")
+    units = command.add_mutually_exclusive_group()
+    units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
+    units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
+    command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
     command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+
+    command = commands.add_parser("inspect", help="draw what build computed: stiffness, distance, weights, regions")
+    command.set_defaults(command=inspect)
+    command.add_argument("asset", metavar="BODY", help="soft body (.npz) that build wrote")
+    command.add_argument(
+        "-o", "--output", metavar="FOLDER", help="of the pictures (default: beside the body, with its name)"
+    )
 
     command = commands.add_parser("run", help="step a scene; write a video, a log, a plot")
     command.set_defaults(command=run)
@@ -219,6 +260,16 @@ def _spacing(text: str) -> tuple[float, ...]:
     if len(values) not in (1, 3) or not all(math.isfinite(value) and value > 0 for value in values):
         raise argparse.ArgumentTypeError(f"{text!r} is not one length in metres or three with commas between")
     return values * (3 // len(values))
+
+
+def _factor(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
 
 
 def _size(text: str) -> tuple[int, int]:

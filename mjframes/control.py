@@ -1,26 +1,39 @@
-"""Equimomental control points: affine frames as four point masses each (the paper, equations (3) and (8), row sums).
+"""Equimomental control points: every frame as 4 or 10 point masses (the paper, equations (3) and (8), row sums).
 
-x(p̄) = Σ_j W_j(p̄) x_j with W_j = w_i φ_k and φ_k(p) = ¼ (1 + t_k · L⁻¹ (p − c)): the barycentric coordinates of the
-tetrahedron x̄_k = c + L t_k, where c is the centroid and L Lᵀ the second central moment over m of dm = ρ w_i dV.
-Then Σ_k φ_k = 1 and ∫ φ_k φ_l dm = (m/4) δ_kl: four masses m/4 carry the frame's row-sum lumped mass matrix exactly.
+x(p̄) = Σ_j W_j(p̄) x_j with W_j = w_i φ_k, for a frame of polynomial order n with d = 4 (affine) or 10 (quadratic) points.
+Let ψ be the monomials of order n made orthonormal under dm/m, constant first, dm = ρ w_i dV, and Q orthogonal with a
+constant first column. Then φ_k = Σ_l Q_kl ψ_l / √d satisfies
 
-The paper drops M_ij for i ≠ j, which loses mass because Σ w_i² < 1; row sums keep mass, momentum and weight.
+    Σ_k φ_k = 1,   ∫ φ_k φ_l dm = (m/d) δ_kl,   x̄_k = d ∫ φ_k p̄ dm / m,   Σ_k φ_k x̄_k = p̄
+
+so d masses m/d carry the frame's row-sum lumped mass matrix exactly. For n = 1 the points are the vertices c + L t_k of
+a tetrahedron around the centroid c, L Lᵀ the second central moment over m. The paper drops M_ij for i ≠ j, which loses
+mass because Σ w_i² < 1; row sums keep mass, momentum and weight.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.errors import MjframesError
 from mjframes.grid import Grid
 from mjframes.weights import frame_count
 
-TETRAHEDRON = np.array(
-    [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float
-)  # t_k: Σ t = 0, t_k · t_l = 4 δ_kl − 1
+# powers of (x, y, z) in each monomial: those of order ≤ 1 first, as in the paper's bases
+POWERS = np.array(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [0, 1, 1], [1, 0, 1]]
+)
+POINTS = {"affine": 4, "quadratic": 10}  # control points of a frame, and monomials of its order
+
+TETRAHEDRON = 0.5 * np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])  # Q for d = 4
+_AXIS = np.eye(10)[0] - np.sqrt(0.1)
+TEN_POINTS = np.eye(10) - 2 * np.outer(_AXIS, _AXIS) / (_AXIS @ _AXIS)  # Q for d = 10: a reflection of the first axis
+MIXING = {4: TETRAHEDRON, 10: TEN_POINTS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,36 +41,74 @@ class ControlPoints:
     """k control points, those of a frame one after the other, in the order of the frames.
 
     frame: (k,) the frame of each.  rest: (k, 3) x̄_j [m].  mass: (k,) [kg].
-    basis: (k, 4), φ_j(p) = basis[j, 0] + basis[j, 1:] · p for p in volume coordinates [m].
+    φ_j(p) = basis[j] · monomials of y = axesᵀ (p − center[j]) / scale[j], p in volume coordinates [m]:
+    basis: (k, 10) in the order of POWERS.  center: (k, 3) [m].  scale: (k,) [m].  axes: (3, 3).
     """
 
     frame: NDArray[np.int64]
     rest: NDArray[np.float64]
     mass: NDArray[np.float64]
     basis: NDArray[np.float64]
+    center: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    axes: NDArray[np.float64]
 
 
-def control_points(grid: Grid, weights: sparse.csr_array) -> ControlPoints:
-    """Four control points for each of the f frames of weights (n, f)."""
+def frame_types(frame_type: str | Sequence[str], frames: int) -> tuple[str, ...]:
+    """One type for each of `frames` frames. Raises MjframesError for unknown types and a wrong number of them."""
+    types = (frame_type,) * frames if isinstance(frame_type, str) else tuple(frame_type)
+    if unknown := [name for name in types if name not in POINTS]:
+        raise MjframesError(f"frame_type has {unknown[0]!r}; the types are {', '.join(map(repr, POINTS))}.")
+    if len(types) != frames:
+        raise MjframesError(f"frame_type names {len(types)} types for {frames} frames; give one, or one a frame.")
+    return types
+
+
+def control_points(grid: Grid, weights: sparse.csr_array, types: Sequence[str] | None = None) -> ControlPoints:
+    """The control points of the f frames of weights (n, f), all affine unless `types` (f,) says otherwise."""
+    types = types or ("affine",) * frame_count(weights)
     share = sparse.csr_array(weights.T).multiply(grid.density * grid.cell_volume).tocsr()  # dm of each frame's voxels
-    mass = share.sum(axis=1)
-    origin = grid.centers.mean(axis=0)  # moments about a point inside: those about a far one would cancel
-    offset = grid.centers - origin
-    mean = share @ offset / mass[:, None]
-    product = np.einsum("va,vb->vab", offset, offset).reshape(-1, 9)
-    moment = (share @ product).reshape(-1, 3, 3) / mass[:, None, None] - np.einsum("ia,ib->iab", mean, mean)
-    # The voxel's own extent: without it a plate one voxel thick has no moment across.
-    moment += grid.axes @ np.diag(grid.spacing**2 / 12) @ grid.axes.T
-    center = origin + mean
-    root = np.linalg.cholesky(moment)
-    slope = 0.25 * np.einsum("ka,iab->ikb", TETRAHEDRON, np.linalg.inv(root))
-    constant = 0.25 - np.einsum("ikb,ib->ik", slope, center)
-    return ControlPoints(
-        frame=np.repeat(np.arange(len(mass)), 4),
-        rest=(center[:, None, :] + np.einsum("iab,kb->ika", root, TETRAHEDRON)).reshape(-1, 3),
-        mass=np.repeat(mass / 4, 4),
-        basis=np.concatenate([constant[:, :, None], slope], axis=2).reshape(-1, 4),
-    )
+    parts = [_frame(grid, share[[i]], POINTS[name]) for i, name in enumerate(types)]
+    counts = [len(part[0]) for part in parts]
+    rest, mass, basis, center, scale = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return ControlPoints(np.repeat(np.arange(len(types)), counts), rest, mass, basis, center, scale, grid.axes)
+
+
+def _frame(grid: Grid, share: sparse.csr_array, d: int) -> tuple[NDArray[np.float64], ...]:
+    """rest (d, 3), mass (d,), basis (d, 10), center (d, 3), scale (d,) of one frame; share (1, n) its dm."""
+    voxels, dm = share.indices, share.data
+    mass = dm.sum()
+    center = dm @ grid.centers[voxels] / mass
+    offset = (grid.centers[voxels] - center) @ grid.axes
+    scale = np.sqrt((dm @ (offset**2).sum(axis=1)) / mass + (grid.spacing**2).sum() / 12)
+    powers = _mean_powers(offset / scale, grid.spacing / scale, 2 if d == 4 else 4)
+    exponents = POWERS[:d]
+    # each product of two monomials is a monomial again: its mean over the frame
+    products, place = np.unique((exponents[:, None] + exponents[None]).reshape(-1, 3), axis=0, return_inverse=True)
+    means = [dm @ (powers[a][:, 0] * powers[b][:, 1] * powers[c][:, 2]) for a, b, c in products]
+    gram = np.array(means)[place.ravel()].reshape(d, d)
+    psi = np.linalg.inv(np.linalg.cholesky(gram / mass))  # rows: orthonormal polynomials in the monomials
+    phi = MIXING[d] @ psi / np.sqrt(d)
+    first = gram[:, 1:4] / mass  # means of monomial × y
+    rest = center + scale * d * phi @ first @ grid.axes.T
+    basis = np.zeros((d, len(POWERS)))
+    basis[:, :d] = phi
+    return rest, np.full(d, mass / d), basis, np.tile(center, (d, 1)), np.full(d, scale)
+
+
+def _mean_powers(x: NDArray[np.float64], h: NDArray[np.float64], highest: int) -> list[NDArray[np.float64]]:
+    """Means of y⁰ … y⁴ over voxels of edges h (3,) around x (n, 3): without a voxel's own extent a plate has none."""
+    powers = [np.ones_like(x), x, x**2 + h**2 / 12]
+    if highest > 2:
+        powers += [x**3 + x * h**2 / 4, x**4 + x**2 * h**2 / 2 + h**4 / 80]
+    return powers
+
+
+def monomials(control: ControlPoints, j: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Monomials (s, 10) of control points j (s,) at points (s, 3) [m]."""
+    y = (points - control.center[j]) @ control.axes / control.scale[j, None]
+    x, y, z = y.T
+    return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=-1)
 
 
 def points_of(control: ControlPoints, frames: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -70,7 +121,35 @@ def control_functions(
     control: ControlPoints, chosen: NDArray[np.int64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """φ_j (s, j) of the control points `chosen` (j,) at points (s, 3) in volume coordinates [m]."""
-    return control.basis[chosen, 0] + points @ control.basis[chosen, 1:].T
+    phi = np.empty((len(points), len(chosen)))
+    for members in _by_frame(control, chosen):
+        some = monomials(control, np.full(len(points), chosen[members[0]]), points)
+        phi[:, members] = some @ control.basis[chosen[members]].T
+    return phi
+
+
+def control_function_gradients(
+    control: ControlPoints, chosen: NDArray[np.int64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """∇φ_j (s, j, 3) [1/m], in volume coordinates, of the control points `chosen` (j,) at points (s, 3) [m]."""
+    gradient = np.empty((len(points), len(chosen), 3))
+    for members in _by_frame(control, chosen):
+        j = chosen[members]
+        slope = control.basis[j] / control.scale[j, None]  # of monomials in y = axesᵀ (p − c) / scale
+        if not slope[:, 4:].any():
+            gradient[:, members] = slope[:, 1:4] @ control.axes.T
+            continue
+        x, y, z = ((points - control.center[j[0]]) @ control.axes / control.scale[j[0]]).T
+        one, none = np.ones_like(x), np.zeros_like(x)
+        along = np.stack(
+            [
+                np.stack([none, one, none, none, 2 * x, none, none, y, none, z]),
+                np.stack([none, none, one, none, none, 2 * y, none, x, z, none]),
+                np.stack([none, none, none, one, none, none, 2 * z, none, y, x]),
+            ]
+        )
+        gradient[:, members] = np.einsum("jl,als,ba->sjb", slope, along, control.axes, optimize=True)
+    return gradient
 
 
 def control_weights(
@@ -83,7 +162,11 @@ def control_weights(
     within = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
     j = np.repeat(first[weights_rows.indices], repeats) + within
     row = np.repeat(np.repeat(np.arange(len(points)), np.diff(weights_rows.indptr)), repeats)
-    value = np.repeat(weights_rows.data, repeats) * (
-        control.basis[j, 0] + np.einsum("qa,qa->q", control.basis[j, 1:], points[row])
-    )
-    return sparse.csr_array((value, (row, j)), shape=(len(points), len(control.frame)))
+    phi = np.einsum("ql,ql->q", control.basis[j], monomials(control, j, points[row]))
+    return sparse.csr_array((np.repeat(weights_rows.data, repeats) * phi, (row, j)), shape=(len(points), len(control.frame)))
+
+
+def _by_frame(control: ControlPoints, chosen: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Places in `chosen` of the points of each frame, which share center and scale."""
+    frame = control.frame[chosen]
+    return [np.flatnonzero(frame == i) for i in np.unique(frame)]

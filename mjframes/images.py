@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mjframes.constants import FORMAT_VERSION
 from mjframes.errors import MjframesError
 from mjframes.material import Material
+from mjframes.metaimage import read_metaimage
 
 METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3, "millimetre": 1e-3}
 METRES |= {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6}
@@ -43,15 +44,18 @@ class LabelImage:
 
 
 def read_image(path: Path) -> LabelImage:
-    """The label image in a .npz, .nrrd, .nii or .nii.gz file.
+    """The label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha or .mhd file.
 
     Raises MjframesError if the file is missing, of another type, unreadable or truncated, or if the package that reads
     it is not installed.
     """
-    readers = {".npz": _read_npz, ".nrrd": _read_nrrd, ".nii": _read_nifti, ".nii.gz": _read_nifti}
+    readers = {".npz": _read_npz, ".npy": _read_npy, ".nrrd": _read_nrrd, ".nii": _read_nifti, ".nii.gz": _read_nifti}
+    readers |= {".mha": _read_metaimage, ".mhd": _read_metaimage}
     reader = next((read for suffix, read in readers.items() if path.name.lower().endswith(suffix)), None)
     if reader is None:
-        raise MjframesError(f"{path}: label images of this type cannot be read; convert it to .npz, .nrrd or .nii.gz.")
+        raise MjframesError(
+            f"{path}: label images of this type cannot be read; convert it to .npz, .nrrd, .nii.gz or .mha."
+        )
     if not path.is_file():
         raise MjframesError(f"{path}: there is no such file; labels must be an array or the path of a label image.")
     try:
@@ -104,6 +108,19 @@ def _parse_materials(path: Path, text: str) -> dict[int, Material]:
         raise MjframesError(f"{path}: {error}") from error
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise MjframesError(f"{path}: 'materials' is not what Volume.save writes; leave it out of the file.") from error
+
+
+def _read_npy(path: Path) -> LabelImage:
+    return LabelImage(np.load(path, allow_pickle=False))
+
+
+def _read_metaimage(path: Path) -> LabelImage:
+    image = read_metaimage(path)
+    if image.labels.ndim != 3 or image.spacing is None:
+        return LabelImage(image.labels)
+    scale = _scale(path, [image.unit] * 3)
+    center = None if image.center is None else scale * image.center
+    return _from_steps(path, image.labels, scale[:, None] * image.axes * image.spacing, center)
 
 
 def _read_nrrd(path: Path) -> LabelImage:

@@ -1,4 +1,4 @@
-"""A soft body as MJCF: nested bodies on slides, one plugin instance, patch geoms, one skin a material.
+"""A soft body as MJCF: a holder, in it nested bodies on slides, one plugin instance, patch geoms, one skin a material.
 
 Control point j is a body at x̄_j − x̄_parent with three slide joints, so that qpos = 0 at rest and x_j = x̄_j + Σ of the
 slides of j and its ancestors. The four points of a frame form a chain; the first hangs on the last of the parent frame.
@@ -70,30 +70,32 @@ def attach(
     patches = _patches(body) if contact else []
     instance = spec.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
     instance.config = _configuration(body, patches)
-    bodies = _add_bodies(spec, body, local)
+    holder = spec.worldbody.add_body(name=local)
+    bodies = _add_bodies(holder, body, local)
     if patches:
         _add_patches(spec, body, local, bodies, patches)
     _add_skins(spec, body, local)
     frame = parent.add_frame(pos=list(pos), quat=list(quat))
     try:
-        frame.attach_body(bodies[0], prefix, "")
+        frame.attach_body(holder, prefix, "")
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
 
 
-def _add_bodies(spec: mujoco.MjSpec, body: SoftBody, name: str) -> list[mujoco.MjsBody]:
+def _add_bodies(holder: mujoco.MjsBody, body: SoftBody, name: str) -> list[mujoco.MjsBody]:
+    """One body for each control point; those of fixed frames have no joints."""
     control, size = body.control, np.ptp(body.control.rest, axis=0).max()
     bodies: list[mujoco.MjsBody] = []
     for j, (above, offset) in enumerate(zip(_parent_points(body), _offsets(body), strict=True)):
-        child = (bodies[above] if above >= 0 else spec.worldbody).add_body(
-            name=name if j == 0 else f"{name}_{j}",
+        child = (bodies[above] if above >= 0 else holder).add_body(
+            name=f"{name}_{j}",
             pos=offset,
             explicitinertial=True,
             ipos=[0, 0, 0],  # without it a saved model loses the masses
             mass=_printable(control.mass[j])[0],
             inertia=_printable(np.full(3, INERTIA * control.mass[j] * size**2)),
         )
-        for axis, letter in zip(np.eye(3), "xyz", strict=True):
+        for axis, letter in zip(np.eye(3), "xyz" if control.frame[j] >= body.fixed else "", strict=False):
             child.add_joint(name=f"{name}_{j}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         _use_plugin(child, name)
         bodies.append(child)
@@ -120,10 +122,13 @@ def _written_rest(body: SoftBody) -> np.ndarray:
 
 
 def _parent_points(body: SoftBody) -> list[int]:
-    """Of each control point the one it hangs on, −1 for the root."""
+    """Of each control point the one it hangs on, −1 for roots and those of fixed frames."""
     frame = body.control.frame
     last = {int(i): int(np.flatnonzero(frame == i)[-1]) for i in np.unique(frame)} | {-1: -1}
-    return [j - 1 if j > 0 and frame[j - 1] == i else last[int(body.parent[i])] for j, i in enumerate(frame)]
+    return [
+        -1 if i < body.fixed else j - 1 if j > 0 and frame[j - 1] == i else last[int(body.parent[i])]
+        for j, i in enumerate(frame)
+    ]
 
 
 def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
@@ -180,7 +185,7 @@ def _add_skins(spec: mujoco.MjSpec, body: SoftBody, name: str) -> None:
             vert=skin.vertices[used].ravel(),
             face=local.ravel(),
             rgba=material.rgba,
-            bodyname=[name if j == 0 else f"{name}_{j}" for j in bones],
+            bodyname=[f"{name}_{j}" for j in bones],
             bindpos=control.rest[bones].ravel(),
             bindquat=np.tile([1.0, 0.0, 0.0, 0.0], len(bones)),
             vertid=[weights.indices[column].tolist() for column in columns],

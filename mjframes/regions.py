@@ -12,12 +12,14 @@ from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.errors import MjframesError
 from mjframes.grid import Grid
-from mjframes.weights import frame_count, weights_at
+from mjframes.threads import in_parallel
+from mjframes.weights import frame_count
 
 LINEAR_FIT = 1e-6  # [-] rms residual of weights that need no further cut: rounding leaves about 1e-8
 FLAT = 1e-9  # [-] relative second moment below which a region has no extent in a direction
@@ -36,11 +38,10 @@ class Regions:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A region under construction: its voxels, their centres relative to the mean [m], weights, and the fit."""
+    """A region under construction: its voxels, its centroid in the grid's axes [m], and the fit of its weights."""
 
-    voxels: NDArray[np.int64]
-    offset: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    voxels: NDArray[np.int32]
+    center: NDArray[np.float64]
     residual: float
     axis: NDArray[np.float64]
 
@@ -60,39 +61,56 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
     if len(sets) > samples:
         label, sets = _merge(grid, label, sets, samples)
     frames = [tuple(np.flatnonzero(row).tolist()) for row in sets]
-    order = np.argsort(label, kind="stable")
-    voxels = np.split(order, np.searchsorted(label[order], np.arange(1, len(sets))))
-    parts = [_part(grid.centers[v], v, weights_at(weights, v, f)) for v, f in zip(voxels, frames, strict=True)]
+    parts = list(in_parallel(lambda voxels: _part(grid, weights, voxels), members_of(label, len(sets))))
     worst_first = [(-part.residual, e) for e, part in enumerate(parts) if part.fit_error > LINEAR_FIT]
     heapify(worst_first)
     while len(parts) < samples and worst_first:
         e = heappop(worst_first)[1]
-        part, far = parts[e], parts[e].offset @ parts[e].axis > 0
-        halves = [_part(grid.centers[part.voxels[s]], part.voxels[s], part.weights[s]) for s in (~far, far)]
+        halves = [_part(grid, weights, voxels) for voxels in _halves(grid, parts[e])]
         parts[e] = halves[0]
         parts.append(halves[1])
         frames.append(frames[e])
         for number, half in zip((e, len(parts) - 1), halves, strict=True):
             if half.fit_error > LINEAR_FIT:
                 heappush(worst_first, (-half.residual, number))
-    label = np.empty(len(grid.index), np.int32)
     for e, part in enumerate(parts):
         label[part.voxels] = e
     return Regions(label, tuple(frames), np.array([p.fit_error for p in parts]))
 
 
+def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]]:
+    """The voxels of each region, ascending."""
+    ends = np.cumsum(np.bincount(label, minlength=regions))
+    voxels = np.empty(len(label), np.int32)
+    _sort_by_label(label, ends - np.bincount(label, minlength=regions), voxels)
+    return np.split(voxels, ends[:-1])
+
+
 def _same_frames(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """The number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f)."""
-    number = np.zeros(len(weights.indptr) - 1, np.int64)
-    for start in range(0, frame_count(weights), 64):  # exact for any number of frames: 64 of them a word
-        bit = weights.indices - start
-        word = np.where((bit >= 0) & (bit < 64), np.uint64(1) << (bit.astype(np.uint64) & np.uint64(63)), np.uint64(0))
-        _, value = np.unique(np.bitwise_or.reduceat(word, weights.indptr[:-1]), return_inverse=True)
-        _, number = np.unique(number * (value.max() + 1) + value, return_inverse=True)
-    first = np.unique(number, return_index=True)[1]
-    rank = np.empty(len(first), np.int32)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[number], weights[np.sort(first)].toarray() > 0
+    label = np.empty(len(weights.indptr) - 1, np.int32)
+    first = _number_sets(weights.indptr, weights.indices, label)
+    return label, weights[first].toarray() > 0
+
+
+def _part(grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32]) -> _Part:
+    """The linear fit of the weights of some voxels, and their longest principal axis."""
+    mean = grid.index[voxels].mean(axis=0)
+    column = np.full(frame_count(weights), -1, np.int64)
+    square, product, spread = _moments(
+        grid.index, voxels, mean, weights.indptr, weights.indices, weights.data, column
+    )
+    extent, axes = np.linalg.eigh(square * np.outer(grid.spacing, grid.spacing))
+    across = extent > FLAT * extent[-1]
+    slope = axes[:, across].T @ (product * grid.spacing[:, None]) / np.sqrt(extent[across])[:, None]
+    residual = float(max(0.0, spread - np.sum(slope**2)))
+    longest = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
+    return _Part(voxels, mean, residual, longest)
+
+
+def _halves(grid: Grid, part: _Part) -> list[NDArray[np.int32]]:
+    far = (grid.index[part.voxels] - part.center) @ (grid.spacing * part.axis) > 0
+    return [part.voxels[~far], part.voxels[far]]
 
 
 def _merge(
@@ -101,7 +119,8 @@ def _merge(
     """Fewer sets: the smallest joins the one that gains the fewest frames, of those the nearest."""
     sets = sets.copy()
     size = np.bincount(label).astype(float)
-    center = np.stack([np.bincount(label, weights=grid.centers[:, a]) for a in range(3)], axis=1) / size[:, None]
+    center = np.stack([np.bincount(label, weights=grid.index[:, a]) for a in range(3)], axis=1) / size[:, None]
+    center *= grid.spacing
     into = np.arange(len(size))
     for _ in range(len(size) - samples):
         small = int(np.argmin(size))
@@ -119,13 +138,98 @@ def _merge(
     return number.astype(np.int32)[label], sets[kept]
 
 
-def _part(centers: NDArray[np.float64], voxels: NDArray[np.int64], weights: NDArray[np.float64]) -> _Part:
-    """The linear fit of weights (v, i) at centers (v, 3), and the longest principal axis."""
-    offset = centers - centers.mean(axis=0)
-    spread = weights - weights.mean(axis=0)
-    extent, axes = np.linalg.eigh(offset.T @ offset)
-    across = extent > FLAT * extent[-1]
-    slope = axes[:, across].T @ (offset.T @ spread) / np.sqrt(extent[across])[:, None]
-    residual = float(max(0.0, np.sum(spread**2) - np.sum(slope**2)))
-    longest = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
-    return _Part(voxels, offset, weights, residual, longest)
+@njit(cache=True, nogil=True)
+def _sort_by_label(label, begin, voxels):
+    for v in range(len(label)):
+        voxels[begin[label[v]]] = v
+        begin[label[v]] += 1
+
+
+@njit(cache=True, nogil=True)
+def _number_sets(indptr, indices, label):
+    """Numbers the rows' sets of columns; the first row of each."""
+    slots = 1024
+    number = np.full(slots, -1, np.int64)
+    first, count = np.empty(512, np.int64), 0
+    for v in range(len(label)):
+        low, high = indptr[v], indptr[v + 1]
+        if v > 0 and _same(indices, indptr[first[label[v - 1]]], indptr[first[label[v - 1]] + 1], low, high):
+            label[v] = label[v - 1]
+            continue
+        at = _hash(indices, low, high) & (slots - 1)
+        while number[at] >= 0 and not _same(
+            indices, indptr[first[number[at]]], indptr[first[number[at]] + 1], low, high
+        ):
+            at = (at + 1) & (slots - 1)
+        if number[at] < 0:
+            number[at] = count
+            first[count] = v
+            count += 1
+        label[v] = number[at]
+        if count == len(first):  # half full
+            first = np.concatenate((first, np.empty(count, np.int64)))
+            slots *= 2
+            number = np.full(slots, -1, np.int64)
+            for e in range(count):
+                at = _hash(indices, indptr[first[e]], indptr[first[e] + 1]) & (slots - 1)
+                while number[at] >= 0:
+                    at = (at + 1) & (slots - 1)
+                number[at] = e
+    return first[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _same(indices, low, high, other_low, other_high):
+    if high - low != other_high - other_low:
+        return False
+    for k in range(high - low):
+        if indices[low + k] != indices[other_low + k]:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _hash(indices, low, high):
+    mixed = np.uint64(high - low)
+    for k in range(low, high):
+        mixed = (mixed ^ np.uint64(indices[k])) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    return np.int64(mixed >> np.uint64(8))
+
+
+@njit(cache=True, nogil=True)
+def _moments(index, voxels, mean, indptr, indices, data, column):
+    """Σ x xᵀ, Σ x w_iᵀ and Σ_i Σ (w_i − its mean)², x the voxels' indices relative to their mean.
+
+    column: (f,) all −1; frames get one in the order in which they occur.
+    """
+    frames = 0
+    total, count = np.zeros(len(column)), np.zeros(len(column))
+    for v in voxels:
+        for e in range(indptr[v], indptr[v + 1]):
+            i = column[indices[e]]
+            if i < 0:
+                i = column[indices[e]] = frames
+                frames += 1
+            total[i] += data[e]
+            count[i] += 1
+    total /= len(voxels)
+    square, product, spread = np.zeros((3, 3)), np.zeros((3, frames)), 0.0
+    for v in voxels:
+        x, y, z = index[v, 0] - mean[0], index[v, 1] - mean[1], index[v, 2] - mean[2]
+        square[0, 0] += x * x
+        square[1, 0] += y * x
+        square[1, 1] += y * y
+        square[2, 0] += z * x
+        square[2, 1] += z * y
+        square[2, 2] += z * z
+        for e in range(indptr[v], indptr[v + 1]):
+            i, w = column[indices[e]], data[e]
+            product[0, i] += x * w
+            product[1, i] += y * w
+            product[2, i] += z * w
+            spread += (w - total[i]) ** 2
+    for i in range(frames):
+        spread += (len(voxels) - count[i]) * total[i] ** 2
+    square[0, 1], square[0, 2], square[1, 2] = square[1, 0], square[2, 0], square[2, 1]
+    return square, product, spread

@@ -135,6 +135,17 @@ def _components(graph: Graph, part: set[int]) -> list[set[int]]:
     return found
 
 
+def frame_tree(regions: Regions, frames: int, fixed: int = 0) -> Tree:
+    """The elimination tree of `frames` frames, the first `fixed` of which do not move and stand alone, before the rest.
+
+    Fixed frames have no degrees of freedom: what they couple is not coupled by them.
+    """
+    tree = elimination_tree([[i - fixed for i in members if i >= fixed] for members in regions.frames], frames - fixed)
+    parent = np.where(tree.parent < 0, -1, tree.parent + fixed)
+    alone = np.arange(fixed)
+    return Tree(np.concatenate([np.full(fixed, -1), parent]), np.concatenate([alone, tree.order + fixed]))
+
+
 def depth_first(weights: sparse.csr_array, regions: Regions, tree: Tree) -> tuple[sparse.csr_array, Regions, Tree]:
     """The same with frames numbered in the tree's order, which is the order in which MuJoCo numbers bodies."""
     number = np.argsort(tree.order)

@@ -7,10 +7,11 @@ First stage of the pipeline: labels and materials in, a `Volume` out, valid by c
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.ndimage
@@ -20,6 +21,9 @@ from mjframes.constants import FORMAT_VERSION
 from mjframes.errors import MjframesError
 from mjframes.images import LabelImage, read_image, write_materials
 from mjframes.material import Material
+
+if TYPE_CHECKING:
+    from mjframes.meshes import MeshLike
 
 ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
 LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
@@ -67,7 +71,7 @@ class Volume:
         materials: Mapping[int, Material] | None = None,
         origin: ArrayLike | None = None,
     ) -> Volume:
-        """A volume from an array of labels or from a label image (.npz, .nrrd, .nii, .nii.gz).
+        """A volume from an array of labels or from a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd).
 
         labels: (nx, ny, nz), non-negative integers (or floats with integral values), 0 outside; or a path.
         spacing: voxel size [m], one number or three; an array needs it, a file's own is overridden by it.
@@ -104,6 +108,53 @@ class Volume:
         except MjframesError as error:
             raise MjframesError(f"{source}{error}") from error
 
+    @classmethod
+    def from_meshes(
+        cls,
+        meshes: Sequence[tuple[MeshLike, Material]],
+        spacing: ArrayLike | None = None,
+        *,
+        voxels: int | None = None,
+        fill: Material | None = None,
+        scale: float = 1.0,
+    ) -> Volume:
+        """A volume from surface meshes, each of one material; where they overlap, the later one wins.
+
+        meshes: (mesh, material) pairs; a mesh is a file (.obj .stl .ply .off .glb) or a trimesh object. The i-th, from
+        1 on, has label i. Surfaces need not be perfect: `mjframes.meshes` says what counts as inside.
+        spacing: voxel size [m], one number or three; or else voxels: about how many voxels to have inside.
+        fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
+        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it.
+        Warns (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
+        Raises MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
+        """
+        from mjframes.meshes import MeshWarning, load_surface
+        from mjframes.voxelize import spacing_for, voxelize
+
+        if (spacing is None) == (voxels is None):
+            raise MjframesError(f"spacing is {spacing!r} and voxels is {voxels!r}; give exactly one of them.")
+        if voxels is not None and not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
+            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        if not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
+            raise MjframesError(f"scale is {scale!r}; it must be the length of the meshes' unit in metres.")
+        pairs = list(meshes)
+        if not pairs or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
+            raise MjframesError("meshes must be a list of one or more pairs (mesh, material).")
+        materials = [material for _, material in pairs] + ([] if fill is None else [fill])
+        for material in materials:
+            if not isinstance(material, Material):
+                raise MjframesError(f"a mesh has the material {material!r}; it must be a Material.")
+        surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
+        if voxels is None:
+            step = _spacing("", np.asarray(spacing))
+        else:
+            step = spacing_for(surfaces, int(voxels), fill is not None)
+        labels, origin, notices = voxelize(surfaces, step, fill is not None)
+        for notice in notices:
+            warnings.warn(notice, MeshWarning, stacklevel=2)
+        present = set(_occurring(labels))
+        return cls(labels, step, origin, np.eye(3), {i: m for i, m in enumerate(materials, 1) if i in present})
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the volume and its materials to a .npz file, all of it or nothing.
 
@@ -124,6 +175,27 @@ class Volume:
         finally:
             partial.unlink(missing_ok=True)
 
+    def resample(self, voxels: int) -> Volume:
+        """The volume on a grid of cubes of which about `voxels` are inside, each with the label at its centre.
+
+        Raises MjframesError if a label would vanish.
+        """
+        if not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
+            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        inside = np.count_nonzero(self.labels) * np.prod(self.spacing)
+        step = float(inside / voxels) ** (1 / 3)
+        extents = self.labels.shape * self.spacing
+        places = []
+        for a in range(3):
+            count = max(1, round(extents[a] / step))
+            centers = extents[a] / 2 + (np.arange(count) - (count - 1) / 2) * step
+            places.append(np.clip((centers / self.spacing[a]).astype(int), 0, self.labels.shape[a] - 1))
+        labels = self.labels[np.ix_(*places)]
+        if lost := sorted(set(_occurring(self.labels)) - set(_occurring(labels))):
+            raise MjframesError(f"label {lost[0]} has parts too thin for {voxels} voxels and vanishes; take more.")
+        corner = self.origin + self.axes @ (extents - np.array(labels.shape) * step) / 2
+        return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
+
     def largest_component(self) -> Volume:
         """The volume without all pieces but the one with the most voxels (26 neighbours)."""
         pieces, sizes = _components(self.labels)
@@ -137,7 +209,7 @@ def require_connected(volume: Volume) -> None:
         shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
         raise MjframesError(
             f"labels have {len(sizes)} unconnected pieces, sizes {shown} voxels; "
-            "keep the largest with volume.largest_component() or bridge them."
+            "keep the largest with volume.largest_component() or --largest, or bridge them."
         )
 
 

@@ -143,6 +143,7 @@ void WriteRow(const SoftBody& body, const Patch& patch, const mjModel* m, mjData
   int entry = sparse ? d->efc_J_rownnz[i] - 1 : 0;
   for (int j = patch.owner; j >= 0; j = body.points()[j].parent) {
     const ControlPoint& point = body.points()[j];
+    if (!point.moves()) break;
     for (int r = 2; r >= 0; r--) {
       const double value = sign * share[point.depth] * direction[r];
       if (sparse) {
@@ -230,8 +231,10 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     std::vector<double>& share = scratch->share;
     std::fill(share.begin(), share.end(), 0.0);
     for (size_t j = 0; j < patch->point.size(); j++) {
+      const ControlPoint& point = body->points()[patch->point[j]];
+      if (!point.moves()) continue;
       const double* weight = patch->weight.data() + j * patch->vertices;
-      double& sum = share[body->points()[patch->point[j]].depth];
+      double& sum = share[point.depth];
       for (int s = found[next].begin; s < found[next].end; s++) sum += scratch->blend[s] * weight[s];
     }
     for (int depth = body->points()[patch->owner].depth; depth > 0; depth--) share[depth - 1] += share[depth];

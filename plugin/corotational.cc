@@ -190,7 +190,9 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
     double* out = blocks + BlockOffset(j);
     ProjectRow(row, N, V, Nj, Vj, R.data(), out, j + 1, stride, padded);
     for (int k = 0; k <= j; k++) {
-      double* target = pair_stiffness + 9 * static_cast<size_t>(*pair++);
+      const int32_t index = *pair++;
+      if (index < 0) continue;
+      double* target = pair_stiffness + 9 * static_cast<size_t>(index);
       for (int e = 0; e < 9; e++) target[e] += out[e * stride + k];
     }
   }

@@ -22,7 +22,7 @@ struct Region {
   std::vector<Vec3> gradient;     // ḡ_j: mean gradient of W_j [1/m]        (m)
   std::vector<double> stiffness;  // K_e, rows of 3m entries [N/m]          (3m × 3m)
   std::vector<double> blocks;     // K_e again, see BlockOffset             (packed)
-  std::vector<int32_t> pair;      // global pair of each block (j, k ≤ j)   (m(m+1)/2)
+  std::vector<int32_t> pair;      // global pair of each block (j, k ≤ j), −1 where one is fixed   (m(m+1)/2)
   double inverse_extent;          // 1 / Σ_j |x̄_j|² [1/m²]
 
   int size() const { return static_cast<int>(point.size()); }

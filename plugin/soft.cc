@@ -89,24 +89,29 @@ std::vector<ControlPoint> FindPoints(const mjModel* m, int instance, Reader* rea
   int pairs = 0;
   for (int body = 1; body < m->nbody && reader->ok(); body++) {
     if (m->body_plugin[body] != instance) continue;
-    const int joint = m->body_jntadr[body];
-    bool slides = m->body_jntnum[body] == 3;
-    for (int r = 0; slides && r < 3; r++) {
-      slides = m->jnt_type[joint + r] == mjJNT_SLIDE && m->jnt_axis[3 * (joint + r) + r] == 1;
-    }
-    if (!reader->Check(slides, "each of its bodies has to have three slide joints along x, y, z")) break;
     ControlPoint point = {};
     point.body = body;
     point.parent = point_of_body[m->body_parentid[body]];
-    point.depth = point.parent < 0 ? 0 : points[point.parent].depth + 1;
-    point.pair = pairs;
-    point.qpos = m->jnt_qposadr[joint];
-    point.dof = m->jnt_dofadr[joint];
     point.mass = m->body_mass[body];
+    if (m->body_jntnum[body] == 0) {
+      point.depth = -1;
+      if (!reader->Check(point.parent < 0, "a fixed control point hangs on a moving one")) break;
+    } else {
+      const int joint = m->body_jntadr[body];
+      bool slides = m->body_jntnum[body] == 3;
+      for (int r = 0; slides && r < 3; r++) {
+        slides = m->jnt_type[joint + r] == mjJNT_SLIDE && m->jnt_axis[3 * (joint + r) + r] == 1;
+      }
+      if (!reader->Check(slides, "each of its bodies has to have three slide joints along x, y, z, or none")) break;
+      point.depth = point.parent < 0 ? 0 : points[point.parent].depth + 1;
+      point.qpos = m->jnt_qposadr[joint];
+      point.dof = m->jnt_dofadr[joint];
+    }
+    point.pair = pairs;
     const size_t index = points.size();
     if (!reader->Check(3 * index + 2 < rest.size(), "it has more bodies than control points")) break;
     for (int r = 0; r < 3; r++) {
-      point.reference[r] = m->qpos0[point.qpos + r];
+      point.reference[r] = point.moves() ? m->qpos0[point.qpos + r] : 0;
       point.rest[r] = rest[3 * index + r];
     }
     pairs += point.depth + 1;
@@ -119,6 +124,7 @@ std::vector<ControlPoint> FindPoints(const mjModel* m, int instance, Reader* rea
   }
   // every ancestor pair needs its place in the inertia matrix
   for (ControlPoint& point : points) {
+    if (!point.moves()) continue;
     std::vector<int> path;
     for (const ControlPoint* p = &point;; p = &points[p->parent]) {
       path.push_back(p->dof);
@@ -139,11 +145,11 @@ std::vector<ControlPoint> FindPoints(const mjModel* m, int instance, Reader* rea
   return points;
 }
 
-// True if the points form one path from the root, ancestors first.
+// True if the points are fixed ones and then one path from a root, ancestors first.
 bool OnOnePath(const std::vector<ControlPoint>& points, const std::vector<int32_t>& list) {
   for (size_t a = 0; a < list.size(); a++) {
     if (list[a] < 0 || list[a] >= static_cast<int>(points.size())) return false;
-    if (a == 0) continue;
+    if (a == 0 || !points[list[a - 1]].moves()) continue;
     int p = list[a];
     while (p >= 0 && points[p].depth > points[list[a - 1]].depth) p = points[p].parent;
     if (p != list[a - 1] || list[a] == list[a - 1]) return false;
@@ -192,7 +198,9 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
           region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
               region.stiffness[(3 * j + e / 3) * n + 3 * k + e % 3];
         }
-        region.pair.push_back(points[region.point[j]].pair + points[region.point[k]].depth);
+        const ControlPoint& deeper = points[region.point[j]];
+        const ControlPoint& shallower = points[region.point[k]];
+        region.pair.push_back(shallower.moves() ? deeper.pair + shallower.depth : -1);
       }
     }
     p += m;
@@ -289,7 +297,8 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   body->x_.resize(k);
   body->v_.resize(k);
   body->force_.resize(k);
-  const size_t pairs = body->points_.back().pair + body->points_.back().depth + 1;
+  size_t pairs = 0;
+  for (const ControlPoint& point : body->points_) pairs += point.depth + 1;
   body->pair_stiffness_.resize(9 * pairs);
   body->pair_sum_.resize(9 * pairs);
   int largest = 0;
@@ -325,6 +334,11 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
 void SoftBody::GatherState(const mjData* d) {
   for (size_t j = 0; j < points_.size(); j++) {
     const ControlPoint& point = points_[j];
+    if (!point.moves()) {
+      x_[j] = point.rest;
+      v_[j] = {};
+      continue;
+    }
     const Vec3 slide = {d->qpos[point.qpos] - point.reference[0], d->qpos[point.qpos + 1] - point.reference[1],
                         d->qpos[point.qpos + 2] - point.reference[2]};
     const Vec3 rate = {d->qvel[point.dof], d->qvel[point.dof + 1], d->qvel[point.dof + 2]};
@@ -369,6 +383,7 @@ void SoftBody::AddDamping(double h) {
 void SoftBody::StoreForce(mjData* d) {
   for (size_t j = points_.size(); j-- > 0;) {
     const ControlPoint& point = points_[j];
+    if (!point.moves()) continue;
     for (int r = 0; r < 3; r++) d->qfrc_passive[point.dof + r] += force_[j][r];
     if (point.parent >= 0) force_[point.parent] = force_[point.parent] + force_[j];
   }
@@ -380,6 +395,7 @@ void SoftBody::StoreInertia(double h, mjData* d) {
   std::transform(pair_stiffness_.begin(), pair_stiffness_.end(), pair_sum_.begin(),
                  [scale](double k) { return scale * k; });
   for (const ControlPoint& point : points_) {
+    if (!point.moves()) continue;
     double* own = pair_sum_.data() + 9 * (point.pair + point.depth);
     for (int r = 0; r < 3; r++) own[4 * r] += h * alpha_ * point.mass;
   }

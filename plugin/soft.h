@@ -25,11 +25,12 @@ namespace mjframes {
 
 inline constexpr char kPluginName[] = "mjframes.soft";
 
-// A control point and where its degrees of freedom stand in MuJoCo's arrays.
+// A control point and where its degrees of freedom stand in MuJoCo's arrays. A fixed one has none: its body stands
+// still in the soft body's axes, that is, in the body that the soft body was attached to.
 struct ControlPoint {
   int body;        // MuJoCo body
-  int parent;      // control point, −1 for the root
-  int depth;       // number of ancestor points
+  int parent;      // control point, −1 for roots and fixed points
+  int depth;       // number of ancestor points, −1 for fixed points
   int pair;        // its pairs with the ancestors at depth 0, 1, … start here; the last is with itself
   int qpos;        // address of its three coordinates
   int dof;         // address of its three velocities
@@ -37,6 +38,8 @@ struct ControlPoint {
   double mass;     // [kg]
   Vec3 reference;  // qpos0 [m]
   Vec3 rest;       // x̄_j [m]
+
+  bool moves() const { return depth >= 0; }
 };
 
 class SoftBody {

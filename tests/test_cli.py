@@ -8,9 +8,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
-from mjframes.cli import main, parse_material
-from mjframes.errors import MjframesError
+from mjframes.cli import main
 from mjframes.material import Material
 from mjframes.volume import Volume
 
@@ -40,30 +40,6 @@ def sentence(capsys: pytest.CaptureFixture[str]) -> str:
     return captured.err
 
 
-def test_materials_are_parsed() -> None:
-    assert parse_material(FLESH) == (1, Material(3e4, 0.45, 1050, name="flesh"))
-    assert parse_material(BONE) == (2, Material.rigid(1900, rgba=(0.9, 0.9, 0.8, 1.0)))
-    assert parse_material("3 = fat : density=900, young=1e4, poisson=.4, rgba=1/1/0/.5")[1].rgba[3] == 0.5
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "flesh:young=3e4,poisson=0.45,density=1050",
-        "0:rigid,density=1900",
-        "1:young=3e4,density=1050",
-        "1:rigid,young=3e4,density=1050",
-        "1:young=much,poisson=0.45,density=1050",
-        "1:rigid,density=1900,rgba=red",
-        "1:rigid,density=1900,colour=red",
-        "1",
-    ],
-)
-def test_bad_materials_are_refused(text: str) -> None:
-    with pytest.raises(MjframesError, match="--material"):
-        parse_material(text)
-
-
 def test_run_prints_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene.xml").write_text(SCENE)
     log = tmp_path / "out" / "run.mcap"
@@ -88,6 +64,11 @@ def test_run_prints_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["build", "none.npz", "-o", "a.xml", "--frames", "0"], "'0' is not a whole number"),
         (["build", "none.npz", "-o", "a.xml", "--spacing", "1,2"], "'1,2' is not one length"),
         (["build", "none.npz", "-o", "a.xml", "--material", "1"], "--material '1'"),
+        (["build", "none.obj", "-o", "a.xml", "--fill", "fat"], "--fill 'fat' has no values"),
+        (["build", "none.obj", "-o", "a.xml", "--materials", "no.yaml"], "no.yaml: the materials cannot be read"),
+        (["build", "none.obj", "-o", "a.xml", "--unit", "mm", "--scale", "2"], "not allowed with"),
+        (["build", "none.obj", "-o", "a.xml", "--scale", "-2"], "'-2' is not a positive number"),
+        (["build", "none.obj", "-o", "a.xml", "--voxels", "9", "--material", FLESH], "none.obj: there is no such file"),
         (["dance"], "invalid choice: 'dance'"),
     ],
 )
@@ -134,3 +115,34 @@ def test_build_saves_a_soft_body(volume: Path, tmp_path: Path) -> None:
     assert main(["build", str(volume), "-o", str(tmp_path / "body.npz"), "--frames", "2", "--samples", "3"]) == 0
     assert isinstance(SoftBody.load(str(tmp_path / "body.npz")), SoftBody)
     assert {path.name for path in tmp_path.iterdir()} == {"bar.npz", "body.npz"}
+
+
+def test_build_takes_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    trimesh.creation.box(extents=(120, 60, 60)).export(tmp_path / "flesh.stl")
+    bone = trimesh.creation.box(extents=(40, 40, 40))
+    trimesh.Trimesh(bone.vertices, bone.faces[:, ::-1], process=False).export(tmp_path / "bone.ply")
+    (tmp_path / "materials.yaml").write_text(
+        "1: {young: 3e4, poisson: 0.45, density: 1000}\n2: {rigid: true, density: 9}"
+    )
+    command = ["build", str(tmp_path / "flesh.stl"), str(tmp_path / "bone.ply"), "-o", str(tmp_path / "scene.xml")]
+    command += ["--materials", str(tmp_path / "materials.yaml"), "--material", "2=bone:rigid,density=2000"]
+    assert main([*command, "--unit", "mm", "--spacing", "0.01", "--frames", "2", "--samples", "2"]) == 0
+    captured = capsys.readouterr()
+    assert "432 voxels" in captured.out
+    assert captured.err == f"mjframes: {tmp_path / 'bone.ply'}: it is inside out; the triangles were turned.\n"
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    assert model.body_mass.sum() == pytest.approx(0.368 * 1 + 0.064 * 2, rel=1e-5)
+
+
+def test_build_can_drop_small_pieces(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    labels = np.zeros((9, 4, 4), np.uint8)
+    labels[:6], labels[7:] = 1, 1
+    np.save(tmp_path / "two.npy", labels)
+    command = ["build", str(tmp_path / "two.npy"), "--spacing", "0.01", "--material", FLESH, "--frames", "2"]
+    command += ["--samples", "2", "-o", str(tmp_path / "body.npz")]
+    assert main(command) == 2
+    assert "2 unconnected pieces" in sentence(capsys)
+    assert main([*command, "--largest"]) == 0
+    captured = capsys.readouterr()
+    assert "96 voxels" in captured.out
+    assert captured.err == "mjframes: 32 of 128 voxels, not connected to the others, are dropped.\n"

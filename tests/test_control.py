@@ -5,7 +5,16 @@ import pytest
 from scipy import sparse
 from shapes import block, mixed
 
-from mjframes.control import control_functions, control_points, control_weights, points_of
+from mjframes.control import (
+    POINTS,
+    control_function_gradients,
+    control_functions,
+    control_points,
+    control_weights,
+    frame_types,
+    points_of,
+)
+from mjframes.errors import MjframesError
 from mjframes.grid import Grid, voxel_grid
 from mjframes.placement import place_frames
 from mjframes.weights import voronoi_weights
@@ -19,28 +28,57 @@ def case(request: pytest.FixtureRequest) -> tuple[Grid, sparse.csr_array]:
     return grid, voronoi_weights(grid, place_frames(grid, 4))
 
 
+MIXED_TYPES = ("affine", "quadratic", "affine", "quadratic")
+
+
 def corners(grid: Grid) -> np.ndarray:
-    """Eight Gauss points a voxel (8 n, 3): they integrate quadratic functions over voxels exactly."""
-    offset = (np.argwhere(np.ones((2, 2, 2))) - 0.5) / np.sqrt(3) * grid.spacing @ grid.axes.T
+    """27 Gauss points a voxel (27 n, 3): with `GAUSS` they integrate products of quadratic functions exactly."""
+    offset = (np.argwhere(np.ones((3, 3, 3))) - 1) * np.sqrt(0.15) * grid.spacing @ grid.axes.T
     return (grid.centers[:, None] + offset).reshape(-1, 3)
+
+
+GAUSS = np.einsum("a,b,c->abc", *[[5 / 18, 8 / 18, 5 / 18]] * 3).ravel()
 
 
 def test_control_points_are_equimomental(case):
     grid, weights = case
-    control = control_points(grid, weights)
-    phi = control_functions(control, np.arange(16), corners(grid)).reshape(len(grid.index), 8, 16)
+    control = control_points(grid, weights, MIXED_TYPES)
+    k = len(control.frame)
+    phi = control_functions(control, np.arange(k), corners(grid)).reshape(len(grid.index), 27, k)
     share = weights.toarray() * grid.density[:, None] * grid.cell_volume
     for i, mass in enumerate(share.sum(axis=0)):
         own = phi[:, :, control.frame == i]
-        moment = np.einsum("v,vqk,vql->kl", share[:, i] / 8, own, own)
-        np.testing.assert_allclose(moment, mass / 4 * np.eye(4), atol=1e-10 * mass)
+        d = POINTS[MIXED_TYPES[i]]
+        assert own.shape[2] == d
+        moment = np.einsum("v,q,vqk,vql->kl", share[:, i], GAUSS, own, own, optimize=True)
+        np.testing.assert_allclose(moment, mass / d * np.eye(d), atol=1e-9 * mass)
         np.testing.assert_allclose(own.sum(axis=2), 1, atol=1e-10)
-        np.testing.assert_allclose(control.mass[control.frame == i], mass / 4)
+        np.testing.assert_allclose(control.mass[control.frame == i], mass / d)
+
+
+def test_gradients_are_those_of_the_functions(case):
+    grid, weights = case
+    control = control_points(grid, weights, MIXED_TYPES)
+    chosen, step = np.arange(len(control.frame)), 1e-6 * np.eye(3) * grid.spacing
+    gradient = control_function_gradients(control, chosen, grid.centers)
+    for axis in range(3):
+        ahead = control_functions(control, chosen, grid.centers + step[axis])
+        behind = control_functions(control, chosen, grid.centers - step[axis])
+        slope = (ahead - behind) / (2 * step[axis, axis])
+        np.testing.assert_allclose(gradient[:, :, axis], slope, atol=1e-6 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize(
+    ("types", "words"), [("cubic", "types are 'affine'"), (("affine",), "names 1 types for 4 frames")]
+)
+def test_wrong_types_are_refused(types, words):
+    with pytest.raises(MjframesError, match=words):
+        frame_types(types, 4)
 
 
 def test_control_functions_reproduce_points(case):
     grid, weights = case
-    control = control_points(grid, weights)
+    control = control_points(grid, weights, MIXED_TYPES)
     for i in range(4):
         chosen = np.flatnonzero(control.frame == i)
         phi = control_functions(control, chosen, grid.centers)

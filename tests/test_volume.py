@@ -453,12 +453,36 @@ def test_frog_with_noise_in_its_labels() -> None:
         require_connected(volume)
 
 
-def test_mhd_is_refused_as_unsupported(tmp_path: Path) -> None:
-    (tmp_path / "v.mhd").write_text("ObjectType = Image\n")
-    with pytest.raises(MjframesError, match=r"v\.mhd: .*\.npz, \.nrrd or \.nii"):
-        Volume.from_labels(tmp_path / "v.mhd", 0.001, MATERIALS)
+def test_other_types_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "v.dcm").write_text("DICM")
+    with pytest.raises(MjframesError, match=r"v\.dcm: .*\.npz, \.nrrd, \.nii\.gz or \.mha"):
+        Volume.from_labels(tmp_path / "v.dcm", 0.001, MATERIALS)
+
+
+def test_npy_needs_a_spacing(tmp_path: Path) -> None:
+    np.save(tmp_path / "v.npy", _labels())
+    np.testing.assert_array_equal(Volume.from_labels(tmp_path / "v.npy", 0.002, MATERIALS).labels, _labels())
+    with pytest.raises(MjframesError, match=r"v\.npy: spacing is missing"):
+        Volume.from_labels(tmp_path / "v.npy", materials=MATERIALS)
+
+
+def test_resampling_keeps_places_and_the_share_of_each_label() -> None:
+    labels = np.zeros((20, 30, 20), np.uint8)
+    labels[:, 4:24, :] = 1
+    labels[:10, 4:24, :] = 2
+    volume = Volume.from_labels(labels, (0.01, 0.01, 0.02), MATERIALS, origin=(1, 2, 3))
+    fine = volume.resample(128_000)
+    np.testing.assert_allclose(fine.spacing, 0.005, rtol=1e-6)
+    assert np.count_nonzero(fine.labels) == pytest.approx(128_000, rel=0.02)
+    for label in (1, 2):
+        np.testing.assert_allclose(_centers(fine, label).mean(0), _centers(volume, label).mean(0), atol=2e-3)
+    layers = np.full((9, 9, 9), 1)
+    layers[4] = 2
+    thin = Volume.from_labels(layers, 0.01, MATERIALS)
+    with pytest.raises(MjframesError, match="label 2 has parts too thin for 8 voxels"):
+        thin.resample(8)
 
 
 def test_frog_with_a_bad_header_is_refused() -> None:
-    with pytest.raises(MjframesError, match=r"badheader\.mhd: "):
+    with pytest.raises(MjframesError, match=r"badheader\.mhd: its header asks for 260020 bytes .* has 262087"):
         Volume.from_labels(_shared("frog_tissue_badheader.mhd"), 0.001, MATERIALS)

@@ -1,0 +1,118 @@
+"""Materials from flags and files, and which files go together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from mjframes.errors import MjframesError
+from mjframes.inputs import Materials, parse_fill, parse_material, read_materials, read_volume
+from mjframes.material import Material
+from mjframes.volume import Volume
+
+FLESH = Material(3e4, 0.45, 1050, name="flesh")
+BONE = Material.rigid(1900, rgba=(0.9, 0.9, 0.8, 1.0))
+
+
+def volume(*files: str, materials: Materials | None = None, **options: Any) -> Volume:
+    given = {"spacing": None, "voxels": None, "scale": None, **options}
+    return read_volume(files, Materials({1: FLESH}) if materials is None else materials, **given)
+
+
+@pytest.fixture(autouse=True)
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box(extents=(40, 20, 20)).export("box.stl")
+    trimesh.creation.box(extents=(10, 10, 10)).export("small.ply")
+    np.save("labels.npy", np.ones((4, 4, 4), np.uint8))
+
+
+def test_flags() -> None:
+    assert parse_material("1=flesh:young=3e4,poisson=0.45,density=1050") == (1, FLESH)
+    assert parse_material("2:rigid,density=1900,rgba=.9/.9/.8") == (2, BONE)
+    assert parse_material("3 = fat : density=900, young=1e4, poisson=.4, rgba=1/1/0/.5")[1].rgba[3] == 0.5
+    assert parse_fill("flesh:young=3e4,poisson=0.45,density=1050") == FLESH
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "flesh:young=3e4,poisson=0.45,density=1050",
+        "0:rigid,density=1900",
+        "1:young=3e4,density=1050",
+        "1:rigid,young=3e4,density=1050",
+        "1:rigid=yes,density=1050",
+        "1:young=much,poisson=0.45,density=1050",
+        "1:young=-1,poisson=0.45,density=1050",
+        "1:rigid,density=1900,rgba=red",
+        "1:rigid,density=1900,rgba=1/1",
+        "1:rigid,density=1900,rgba=1/1/2",
+        "1:rigid,density=1900,colour=red",
+        "1",
+    ],
+)
+def test_bad_flags(text: str) -> None:
+    with pytest.raises(MjframesError, match="--material"):
+        parse_material(text)
+
+
+def test_materials_in_a_file() -> None:
+    Path("m.yaml").write_text(
+        "1: {name: flesh, young: 3e4, poisson: 0.45, density: 1050}  # YAML reads 3e4 as text\n"
+        "2: {rigid: true, density: 1900, rgba: [0.9, 0.9, 0.8]}\n"
+        "fill: {name: flesh, young: 30000, poisson: 0.45, density: 1050}\n"
+    )
+    assert read_materials("m.yaml") == Materials({1: FLESH, 2: BONE}, FLESH)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "it holds no materials"),
+        ("- 1", "it holds no materials"),
+        ("1: {", "this is no YAML"),
+        ("flesh: {rigid: true, density: 9}", "material flesh must be called by a label"),
+        ("1: flesh", "material 1 is 'flesh'"),
+        ("1: {rigid: yes please, density: 9}", "material 1 has density; it needs"),
+        ("1: {rigid: true, density: heavy}", "material 1 has a value that is no number"),
+        ("1: {rigid: true, density: -9}", "material 1: density is -9"),
+    ],
+)
+def test_bad_files_of_materials(text: str, message: str) -> None:
+    Path("m.yaml").write_text(text)
+    with pytest.raises(MjframesError, match=message) as error:
+        read_materials("m.yaml")
+    assert str(error.value).startswith("m.yaml: ")
+    assert "\n" not in str(error.value)
+
+
+def test_meshes_get_the_materials_of_their_places() -> None:
+    both = volume("box.stl", "small.ply", materials=Materials({1: FLESH, 2: BONE}), spacing=(0.005,) * 3, scale=1e-3)
+    assert [int((both.labels == label).sum()) for label in (1, 2)] == [120, 8]
+    assert both.materials == {1: FLESH, 2: BONE}
+
+
+def test_an_image_can_be_resampled() -> None:
+    assert volume("labels.npy", spacing=(0.01,) * 3, voxels=512).labels.shape == (8, 8, 8)
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "message"),
+    [
+        (["box.stl", "labels.npy"], {}, "labels.npy: meshes are given and this is none"),
+        (["labels.npy", "labels.npy"], {}, "more than one label image"),
+        (["labels.npy"], {"spacing": (1, 1, 1), "scale": 0.1}, "--unit and --scale are for meshes"),
+        (["labels.npy"], {"spacing": (1, 1, 1), "materials": Materials({1: FLESH}, FLESH)}, "no rest to fill"),
+        (["box.stl"], {}, "--spacing METRES or --voxels N"),
+        (["box.stl", "box.stl"], {}, "box.stl: mesh 2 has no material"),
+        (["box.stl"], {"materials": Materials({1: FLESH, 2: BONE})}, "material 2 has no mesh"),
+        (["box.stl"], {"spacing": (1, 1, 1), "voxels": 9}, "give exactly one"),
+    ],
+)
+def test_what_does_not_go_together(names: list[str], options: dict[str, Any], message: str) -> None:
+    with pytest.raises(MjframesError, match=message):
+        volume(*names, **options)
