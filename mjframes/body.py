@@ -26,7 +26,7 @@ from mjframes.stiffness import Stiffness, region_stiffness
 from mjframes.surfaces import Surface, contact_points, extract_surface, surface_weights
 from mjframes.tree import depth_first, frame_tree
 from mjframes.volume import Volume, require_connected
-from mjframes.weights import voronoi_weights
+from mjframes.weights import Kind, frame_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +102,9 @@ def build(
     *,
     at: ArrayLike | None = None,
     frame_type: str | Sequence[str] = "affine",
+    weights: Kind = "voronoi",
+    subdivisions: int = 1,
+    relax: bool = True,
     damping: tuple[float, float] = (0.0, 0.0),
     contact_radius: float | None = None,
     fixed: Sequence[Fixed] = (),
@@ -112,7 +115,8 @@ def build(
 
     frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the paper's
     integration samples).  frame_type: "affine" (12 degrees of freedom) or "quadratic" (30), for all frames or a
-    sequence with one for each.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a
+    sequence with one for each.  weights: "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
+    relax: let the material of each region relax within it.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a
     voxel unless given.  fixed: pieces that do not move in the body that the soft body is attached to; each is a frame
     of its own, beside those asked for.  progress: called with the name of each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
@@ -127,21 +131,21 @@ def build(
     placement = place_frames(grid, frames, at, seed, cores)
     types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
     progress("computing the weights")
-    weights = voronoi_weights(grid, placement)
+    shape_functions = frame_weights(grid, placement, weights, subdivisions)
     progress("splitting the regions")
-    regions = split_regions(grid, weights, samples)
+    regions = split_regions(grid, shape_functions, samples)
     tree = frame_tree(regions, len(placement.seeds), len(cores))
     types = [types[i] for i in tree.order]
     seeds = tuple(placement.seeds[i] for i in tree.order)
-    weights, regions, tree = depth_first(weights, regions, tree)
+    shape_functions, regions, tree = depth_first(shape_functions, regions, tree)
     progress("summing the stiffness")
-    control = control_points(grid, weights, types)
-    stiffness = region_stiffness(grid, weights, control, regions, tree)
+    control = control_points(grid, shape_functions, types)
+    stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax)
     progress("attaching the surfaces")
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
     spheres = contact_points(surface, volume, contact_radius)
-    sphere_weights = control_weights(surface_weights(grid, weights, spheres.positions), control, spheres.positions)
+    sphere_weights = control_weights(surface_weights(grid, shape_functions, spheres.positions), control, spheres.positions)
     patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
     return SoftBody(
         parent=tree.parent,
@@ -153,7 +157,7 @@ def build(
             surface.vertices,
             surface.faces,
             surface.label,
-            control_weights(surface_weights(grid, weights, surface.vertices), control, surface.vertices),
+            control_weights(surface_weights(grid, shape_functions, surface.vertices), control, surface.vertices),
         ),
         contact=ContactSpheres(
             spheres.positions[patches.order],
@@ -165,5 +169,5 @@ def build(
         materials=dict(volume.materials),
         damping=(float(damping[0]), float(damping[1])),
         voxels=len(grid.index),
-        fields=Fields(volume, weights, regions.label, seeds),
+        fields=Fields(volume, shape_functions, regions.label, seeds),
     )

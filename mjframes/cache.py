@@ -47,7 +47,10 @@ def cached(
     """
     if os.environ.get(SWITCH) == "0":
         return dict(compute())
-    path = stage_directory() / f"{stage}-{digest((_program(), *inputs))}{SUFFIX}"
+    try:
+        path = stage_directory() / f"{stage}-{digest((_program(), *inputs))}{SUFFIX}"
+    except OSError:  # a file that cannot be read: the stage knows how to say that
+        return dict(compute())
     if (known := _read(path)) is not None:
         return known
     start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Gradients of control weights, ∇W_j = φ_j ∇w_i + w_i ∇φ_j (design of §4: W_j = w_i φ_j)."""
+"""Control weights W_j = w_i φ_j at points, and their gradients ∇W_j = φ_j ∇w_i + w_i ∇φ_j (the paper, §3)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def control_gradients(
     return product_rule(
         control, frames, weights_at(weights, voxels, frames), weight_gradients(grid, weights, voxels, frames),
         grid.points(voxels),
-    )  # fmt: skip
+    )[1]  # fmt: skip
 
 
 def product_rule(
@@ -32,8 +32,10 @@ def product_rule(
     weight: NDArray[np.float64],
     slope: NDArray[np.float64],
     points: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """∇W_j (s, m, 3) [1/m] of the control points of `frames` from w_i (s, f) and ∇w_i (s, f, 3) at points (s, 3) [m]."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """W_j (s, m) and ∇W_j (s, m, 3) [1/m] of the control points of `frames`, from their weights w_i (s, f) and slopes
+    ∇w_i (s, f, 3) at points (s, 3) [m].
+    """
     chosen, place = points_of(control, frames)
     return _product_rule(
         weight, slope, place, points, control.basis[chosen], control.center[chosen], control.scale[chosen], control.axes
@@ -42,8 +44,8 @@ def product_rule(
 
 @njit(cache=True, nogil=True)
 def _product_rule(weight, weight_gradient, place, points, basis, center, scale, axes):
-    """φ_j ∇w_i + w_i ∇φ_j (v, m, 3) of points j of frame i = place[j]."""
-    gradient = np.empty((len(points), len(place), 3))
+    """w_i φ_j (v, m) and φ_j ∇w_i + w_i ∇φ_j (v, m, 3) of points j of frame i = place[j]."""
+    value, gradient = np.empty((len(points), len(place))), np.empty((len(points), len(place), 3))
     y, slope, turned = np.empty(3), np.empty(3), np.empty(3)
     for v in range(len(points)):
         for j in range(len(place)):
@@ -62,7 +64,8 @@ def _product_rule(weight, weight_gradient, place, points, basis, center, scale, 
                 slope[0] += 2 * b[4] * y[0] + b[7] * y[1] + b[9] * y[2]
                 slope[1] += 2 * b[5] * y[1] + b[7] * y[0] + b[8] * y[2]
                 slope[2] += 2 * b[6] * y[2] + b[8] * y[1] + b[9] * y[0]
+            value[v, j] = weight[v, i] * phi
             for x in range(3):
                 turned[x] = (axes[x, 0] * slope[0] + axes[x, 1] * slope[1] + axes[x, 2] * slope[2]) / scale[j]
                 gradient[v, j, x] = phi * weight_gradient[v, i, x] + weight[v, i] * turned[x]
-    return gradient
+    return value, gradient

@@ -52,7 +52,10 @@ def _hats(along: NDArray[np.float64], ends: NDArray[np.float64], order: NDArray[
     gap = ends[right, 0] - ends[left, 1]
     share = np.where(left == right, 0.0, np.clip((along - ends[left, 1]) / np.where(gap > 0, gap, 1.0), 0.0, 1.0))
     n = len(along)
-    values, columns = np.stack([1 - share, share], axis=1).ravel(), np.stack([order[left], order[right]], axis=1).ravel()
+    values, columns = (
+        np.stack([1 - share, share], axis=1).ravel(),
+        np.stack([order[left], order[right]], axis=1).ravel(),
+    )
     weights = sparse.csr_array((values, columns, np.arange(0, 2 * n + 1, 2)), shape=(n, len(ends)))
     weights.sum_duplicates()
     weights.eliminate_zeros()

@@ -104,7 +104,9 @@ def _distribute(grid: Grid, frames: int | None, seed: int, seeds: Seeds) -> Seed
 def _spread_out(grid: Grid, free: int, seed: int, fixed: Seeds) -> Seeds:
     """`free` single voxels, as far from each other and from `fixed` as they come."""
     graph, held, block = _clusters(grid, free, fixed)
-    chosen = _farthest_points(graph, free, int(graph.cluster[np.random.default_rng(seed).integers(len(grid.index))]), held)
+    chosen = _farthest_points(
+        graph, free, int(graph.cluster[np.random.default_rng(seed).integers(len(grid.index))]), held
+    )
 
     def nearest_of_clusters(free_seeds: NDArray[np.int64]) -> Nearest:
         return _nearest_clusters(graph, [*held, *free_seeds[:, None]])

@@ -97,9 +97,7 @@ def _part(grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32]) -> _
     """The linear fit of the weights of some voxels, and their longest principal axis."""
     mean = grid.index[voxels].mean(axis=0)
     column = np.full(frame_count(weights), -1, np.int64)
-    square, product, spread = _moments(
-        grid.index, voxels, mean, weights.indptr, weights.indices, weights.data, column
-    )
+    square, product, spread = _moments(grid.index, voxels, mean, weights.indptr, weights.indices, weights.data, column)
     extent, axes = np.linalg.eigh(square * np.outer(grid.spacing, grid.spacing))
     across = extent > FLAT * extent[-1]
     slope = axes[:, across].T @ (product * grid.spacing[:, None]) / np.sqrt(extent[across])[:, None]

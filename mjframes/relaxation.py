@@ -1,248 +1,262 @@
-"""Stiffness of a region whose material relaxes within it: K_e = (Φ + Ψ)ᵀ K (Φ + Ψ).
+"""Which regions relax, on which points and cells (`condensation` has the formulas).
 
-The skinned field Φ x cannot show what a cross section does by itself, Poisson's strains of bending first of all; alone
-it makes bars up to three times too stiff. So each region's material may leave it by a displacement v = Ψ x of its own,
-
-    min over v of ½ ∫ ε(Φ x + v) : C ε(Φ x + v) dV   subject to, for each component of v,
-    ∫ E v = 0,  ∫ w_i v = 0              no drift; the frames keep their meaning
-    ∫ λ ∂v/∂x_a = ∫ μ ∂v/∂x_a = 0        uniform strain is untouched: the patch test
-    ∫ E β ∇w_i · ∇v = 0, β ∈ {1, x, y, z}  frames, not v, carry stretch, bending and twist between them
-    ∫ μ ∇(Φ z) · ∇v = 0                  for control weights Φ z that none of these sees
-
-It costs nothing at run time, as v is condensed out here. v is the sum of monomials up to degree 4 and, where weights or
-material vary, of trilinear functions on cells of q³ voxels (`voxel_fem`). All sums run over the same quadrature points,
-so K_e is positive semi-definite and never stiffer than Φᵀ K Φ.
+A region is taken apart into face-connected pieces, since each could move by itself. Where material and weights vary
+little, the monomials are enough, and the weights are replaced by their linear least-squares fit w_i ≈ a_i + b_i · p
+there: it sums to one as well, and bent weights lock by themselves. Elsewhere cells are added, as fine as fits into an
+amount of work that grows with the number of voxels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy import sparse
+from threadpoolctl import threadpool_limits
 
-from mjframes.voxel_fem import VALUES, CellGrid, add_moments, at_nodes, cell_stiffness, condense, rigid_motions
+from mjframes.condensation import Products, add_points, empty_products, plain_matrix, relaxed_matrix
+from mjframes.control import ControlPoints, points_of
+from mjframes.gradients import product_rule
+from mjframes.grid import Grid
+from mjframes.threads import in_parallel
+from mjframes.voxel_fem import CellGrid, cell_grid, elimination_cost
+from mjframes.weights import weight_gradients, weights_at
 
 Array = NDArray[np.float64]
 
-DEGREE = 4  # of the monomials: 2 frees Poisson's strains, 4 also warps cross sections in torsion
-DEPENDENT = 1e-9  # [-] singular value, to the largest, below which a constraint follows from the others
-TINY = 1e-13  # [-] added to the scaled diagonal, for monomials that vanish at all points, as z² may in a plate
-EQUILIBRATE = 4  # passes that scale rows and columns to one: moduli, lengths and multipliers differ by many powers
-
-_POWERS = np.array(sorted((e for e in product(range(DEGREE + 1), repeat=3) if sum(e) <= DEGREE), key=lambda e: sum(e)))
-_LOWER = int(np.sum(_POWERS.sum(axis=1) < DEGREE))  # so many monomials make up all derivatives
-_NOT_TRILINEAR = _POWERS.max(axis=1) > 1  # the others are functions on the cells already
-
-
-def _derivatives() -> Array:
-    """(p, 3, _LOWER) coefficients of the derivatives of the monomials."""
-    place = {tuple(e): t for t, e in enumerate(_POWERS[:_LOWER].tolist())}
-    table = np.zeros((len(_POWERS), 3, _LOWER))
-    for t, e in enumerate(_POWERS):
-        for a in range(3):
-            if e[a]:
-                table[t, a, place[tuple((e - np.eye(3, dtype=int)[a]).tolist())]] = e[a]
-    return table
-
-
-_DERIVATIVES = _derivatives()
+BLOCK = 1024  # [voxels] of one matrix product: its gradients fit the cache
+SHARE = 1 << 14  # [voxels] that one thread sums up at a time
+THIN = 4  # [voxels] mean thickness from which on bending is right to 1/THIN² with one point a voxel
+FLAT = 1e-9  # [-] relative second moment below which a piece has no extent in a direction
+GAUSS = 0.5 / 3**0.5  # [voxels] from the centre to Gauss's two points
+TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float64)
+MINOR = 0.01  # [-] share of a region's voxels below which a piece does not relax: it matters too little
+HOMOGENEOUS = 3.0  # [-] largest to smallest E up to which a region's weights may be replaced by their linear fit …
+NEARLY_LINEAR = 0.1  # [-] … if their rms residual is below this
+WORK, WORK_A_VOXEL = 1.5e9, 1e4  # [flop] that all eliminations together may take: about 0.1 s, and 0.5 µs a voxel
+COARSEST = 3  # [cells] along a region's longest axis; fewer add nothing to the monomials
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
-    """Some quadrature points (s,) of a region with f frames and m control points.
+class Piece:
+    """A face-connected piece of a region.
 
-    rows: their voxels among the region's.  offset: (3,) from the centres, in voxels.  place: (s, 3) in the region,
-    from −1 to 1.  weights: (s, f) w_i.  slopes: (s, f, 3) ∇w_i [1/m].  functions: (s, m) W_j.  gradients: (s, m, 3)
-    ∇W_j [1/m].  young, lam, mu: (s,) E, λ, μ times the volume of each [Pa m³].
+    region: its number.  relaxes: unless it is what is left of a region, too small to matter.  voxels: (n,).  center: (3,) and length: where monomials have their origin, and their unit [m].
+    offsets: (q, 3) of the points from the voxel's centre [voxels].  fit: (4, f) constant and slope of linear weights
+    about `center`, or None for the weights as they are.  cells: or None.
     """
 
-    rows: slice
-    offset: Array
-    place: Array
-    weights: Array
-    slopes: Array
-    functions: Array
-    gradients: Array
-    young: Array
-    lam: Array
-    mu: Array
+    region: int
+    relaxes: bool
+    voxels: NDArray[np.int32]
+    center: Array
+    length: float
+    offsets: Array
+    fit: Array | None
+    cells: CellGrid | None
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Products over a region. Columns G: the m gradients' components, then the monomials of degree < DEGREE.
+def relaxed_regions(
+    grid: Grid,
+    weights: sparse.csr_array,
+    control: ControlPoints,
+    voxels: list[NDArray[np.int32]],
+    frames: list[NDArray[np.int64]],
+) -> list[tuple[Array, Array]]:
+    """Σ E ∇W_j dV (m, 3) and K_e (3m, 3m) of each region that has some voxels and is not left out.
 
-    by_young: (3m,).  by_lam, by_mu: (G, G) and means (2, G).  values: (1 + f, m + p) Σ E u and Σ w_i u, u = W_j or
-    monomial.  stretch: (4f, m) Σ E β ∇w_i · ∇W_j and stretch_by: (4f, 3, lower) Σ E β ∂w_i/∂x_a · monomial.
-    moments: (c, 8, …) of all that nodal functions are multiplied with, or None.
+    voxels, frames: of each region; weights (n, f).
     """
-
-    by_young: Array
-    by_lam: Array
-    by_mu: Array
-    means: Array
-    values: Array
-    stretch: Array
-    stretch_by: Array
-    moments: Array | None
-
-
-def elastic_matrix(by_lam: Array, by_mu: Array) -> Array:
-    """(3m, 3m) stiffness of m functions from Σ V λ g gᵀ and Σ V μ g gᵀ over components (3m,) of their gradients."""
-    swapped = by_mu.reshape(len(by_mu) // 3, 3, -1, 3)
-    matrix = by_lam + swapped.transpose(0, 3, 2, 1).reshape(by_mu.shape)
-    trace = np.einsum("jaka->jk", swapped)
-    for a in range(3):
-        matrix[a::3, a::3] += trace
-    return matrix
-
-
-def plain_stiffness(blocks: Iterable[Points]) -> tuple[Array, Array]:
-    """Σ E ∇W_j dV (m, 3) and Φᵀ K Φ (3m, 3m) of the region whose points are in `blocks`: without relaxation."""
-    mean, by_lam, by_mu = np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1))
-    for points in blocks:
-        gradient = points.gradients.reshape(len(points.place), -1)
-        mean = mean + points.young @ gradient
-        by_lam, by_mu = by_lam + _gram(gradient, points.lam), by_mu + _gram(gradient, points.mu)
-    return mean.reshape(-1, 3), elastic_matrix(by_lam, by_mu)
-
-
-def relaxed_stiffness(
-    blocks: Iterable[Points], length: float, cells: CellGrid | None, lam: Array, mu: Array
-) -> tuple[Array, Array]:
-    """Σ E ∇W_j dV (m, 3) and K_e (3m, 3m) of the region whose points are in `blocks`.
-
-    length: [m] of one unit of `place`.  cells: around the region's voxels, or None for monomials only.
-    lam, mu: (n,) λ and μ of the voxels times their volume [Pa m³].
-    """
-    use = np.ones(len(_POWERS), bool) if cells is None else _NOT_TRILINEAR
-    sums = _sum(blocks, cells)
-    f, m = sums.values.shape[0] - 1, sums.stretch.shape[1]
-    slopes = _DERIVATIVES[use] / length
-    # gradients of all functions, control weights then monomials, in the columns G: (u, 3, G)
-    columns = np.zeros((m + len(slopes), 3, len(sums.by_lam)))
-    columns[:m, :, : 3 * m] = np.eye(3 * m).reshape(m, 3, 3 * m)
-    columns[m:, :, 3 * m :] = slopes
-    spread = columns.reshape(-1, len(sums.by_lam))
-    by_mu = spread @ sums.by_mu @ spread.T
-    energy = elastic_matrix(spread @ sums.by_lam @ spread.T, by_mu)
-
-    stretch = np.hstack([sums.stretch, np.einsum("rat,uat->ru", sums.stretch_by, slopes)])
-    uniform = np.einsum("rg,uag->rau", sums.means, columns).reshape(6, -1)
-    rows = np.vstack([sums.values[:, np.r_[np.ones(m, bool), use]], uniform, stretch])
-    h1 = np.einsum("jaka->jk", by_mu.reshape(len(columns), 3, -1, 3))[:m]
-    if cells is None:
-        constraints = _constraints(rows, h1, m)
-        return sums.by_young.reshape(m, 3), _minimum(energy, np.kron(constraints, np.eye(3)), 3 * m)
-
-    nodal_rows, nodal_h1, coupling = _nodal(cells, sums, columns, f)
-    constraints = _constraints(np.hstack([rows, nodal_rows]), np.hstack([h1, nodal_h1]), m)
-    monomial, nodal = np.split(constraints, [len(slopes)], axis=1)
-    # The nodes' displacement is that of K⁺ and a rigid motion; multipliers of the constraints take up the rest.
-    multiplied = np.kron(nodal, np.eye(3))
-    inner = condense(cells, cell_stiffness(cells, lam, mu), np.hstack([coupling, multiplied.T]))
-    u = len(energy)
-    motions = multiplied @ rigid_motions(cells.nodes)
-    left = np.hstack([-inner[u:, :u], motions])
-    left[:, 3 * m : u] += np.kron(monomial, np.eye(3))
-    wide = np.zeros((u + 6, u + 6))
-    wide[:u, :u] = energy - inner[:u, :u]
-    return sums.by_young.reshape(m, 3), _minimum(wide, left, 3 * m, inner[u:, u:])
-
-
-def _sum(blocks: Iterable[Points], cells: CellGrid | None) -> _Sums:
-    total: list[Array] = []
-    moments = None
-    for points in blocks:
-        s, f = points.weights.shape
-        m = points.functions.shape[1]
-        monomials = np.prod(points.place[:, None, :] ** _POWERS, axis=2)
-        lower = monomials[:, :_LOWER]
-        columns = np.hstack([points.gradients.reshape(s, 3 * m), lower])
-        moduli = np.stack([points.lam, points.mu])
-        linear = points.young[:, None] * monomials[:, :4]
-        stretch = np.einsum("sia,sb->siba", points.slopes, linear).reshape(s, 4 * f, 3)
-        weighted = np.hstack([points.young[:, None], points.weights])
-        parts = [
-            points.young @ columns[:, : 3 * m],
-            _gram(columns, points.lam),
-            _gram(columns, points.mu),
-            moduli @ columns,
-            weighted.T @ np.hstack([points.functions, monomials]),
-            stretch.transpose(1, 0, 2).reshape(4 * f, -1) @ points.gradients.transpose(0, 2, 1).reshape(-1, m),
-            (stretch.reshape(s, -1).T @ lower).reshape(4 * f, 3, _LOWER),
-        ]
-        total = [a + b for a, b in zip(total, parts, strict=True)] if total else parts
-        if cells is not None:
-            fields = np.hstack([moduli[0][:, None] * columns, moduli[1][:, None] * columns, weighted, moduli.T, stretch.reshape(s, -1)])
-            if moments is None:
-                moments = np.zeros((len(cells.cell_nodes), 8, fields.shape[1]))
-            add_moments(cells, points.rows, points.offset, fields, moments)
-    return _Sums(*total, moments)
-
-
-def _gram(columns: Array, modulus: Array) -> Array:
-    scaled = columns * np.sqrt(modulus)[:, None]
-    return scaled.T @ scaled  # one factor twice: half the work, and symmetric to the bit
-
-
-def _nodal(cells: CellGrid, sums: _Sums, columns: Array, f: int) -> tuple[Array, Array, Array]:
-    """For nodal functions: the constraint rows (1 + f + 6 + 4f, N), μ ∇W_j · ∇v (m, N), K between v and all (3N, 3u)."""
-    assert sums.moments is not None
-    u, _, g = columns.shape
-    ends = np.cumsum([2 * g, 1 + f, 2])
-    products, values, means, stretch = np.split(sums.moments, ends, axis=2)
-    by_slope = [
-        [at_nodes(cells, part, cells.slopes[:, d]) for d in range(3)]
-        for part in (products[..., :g], products[..., g:], means, stretch)
+    pieces = _pieces(grid, weights, voxels, frames)
+    shares = [
+        (k, some[start : start + SHARE])
+        for k, piece in enumerate(pieces)
+        for some in _rows_of_one_material(grid, piece.voxels)
+        for start in range(0, len(some), SHARE)
     ]
-    by_lam, by_mu = (np.stack([part @ columns.reshape(-1, g).T for part in parts]) for parts in by_slope[:2])
-    by_lam, by_mu = (part.reshape(3, -1, u, 3) for part in (by_lam, by_mu))  # (d, N, u, e)
-    trace = np.einsum("fnuf->nu", by_mu)
-    coupling = by_lam.transpose(1, 0, 2, 3) + by_mu.transpose(1, 3, 2, 0)
-    for a in range(3):
-        coupling[:, a, :, a] += trace
-    uniform = np.stack(by_slope[2]).transpose(2, 0, 1).reshape(6, -1)
-    along = sum(by_slope[3][a].reshape(-1, 4 * f, 3)[..., a] for a in range(3)).T
-    rows = np.vstack([at_nodes(cells, values, VALUES).T, uniform, along])
-    m = sums.stretch.shape[1]
-    return rows, trace[:, :m].T, coupling.reshape(-1, 3 * u)
+
+    def add_up(share: tuple[int, NDArray[np.int64]]) -> Products:
+        piece = pieces[share[0]]
+        return _products(grid, weights, control, frames[piece.region], piece, share[1])
+
+    def condense(k: int) -> Array:
+        piece = pieces[k]
+        if not piece.relaxes:
+            return plain_matrix(summed[k])
+        lam, mu = (grid.cell_volume * grid.per_material(name)[grid.material[piece.voxels]] for name in ("lam", "mu"))
+        return relaxed_matrix(summed[k], piece.length, piece.cells, lam, mu)
+
+    sizes = [3 * len(points_of(control, members)[0]) for members in frames]
+    results = [(np.zeros((size // 3, 3)), np.zeros((size, size))) for size in sizes]
+    summed: list[list[Products]] = [[] for _ in pieces]
+    with threadpool_limits(1, "blas"):  # the pieces are spread over the processors already
+        for (k, _), products in zip(shares, in_parallel(add_up, shares), strict=True):
+            summed[k].append(products)
+            mean = results[pieces[k].region][0]
+            mean += products.material[0] * products.mean[: mean.size].reshape(mean.shape)
+        # the most laborious first, so that no thread has to wait long for another
+        largest = sorted(range(len(pieces)), key=lambda k: -len(pieces[k].voxels))
+        for k, matrix in zip(largest, in_parallel(condense, largest), strict=True):
+            results[pieces[k].region][1][:] += matrix
+    return results
 
 
-def _constraints(rows: Array, h1: Array, m: int) -> Array:
-    """Orthonormal rows on v, from `rows` on the m control weights and v, and from `h1` for weights no row sees."""
-    size = np.linalg.norm(rows, axis=1)
-    rows = rows[size > 0] / size[size > 0, None]
-    _, value, right = np.linalg.svd(rows[:, :m])
-    unseen = right[np.count_nonzero(value > DEPENDENT * value[0]) :]
-    rows = np.vstack([rows, unseen @ h1])[:, m:]
-    size = np.linalg.norm(rows, axis=1)
-    rows = rows[size > DEPENDENT * size.max()]
-    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    _, value, right = np.linalg.svd(rows, full_matrices=False)
-    return right[value > DEPENDENT * value[0]]
+def _products(
+    grid: Grid,
+    weights: sparse.csr_array,
+    control: ControlPoints,
+    frames: NDArray[np.int64],
+    piece: Piece,
+    rows: NDArray[np.int64],
+) -> Products:
+    """Sums over some voxels, `rows` of the piece's, of one material."""
+    m = len(points_of(control, frames)[0])
+    material = grid.table[grid.material[piece.voxels[rows[0]]]]
+    total = empty_products((material.young, *material.lame), len(frames), m, piece.cells)
+    for start in range(0, len(rows), BLOCK):
+        some = rows[start : start + BLOCK]
+        voxels = piece.voxels[some]
+        centers = grid.points(voxels)
+        if piece.fit is None:
+            middle, slope = weights_at(weights, voxels, frames), weight_gradients(grid, weights, voxels, frames)
+        else:
+            middle = piece.fit[0] + (centers - piece.center) @ piece.fit[1:]
+            slope = np.broadcast_to(piece.fit[1:].T, (len(some), len(frames), 3)).copy()
+        for offset in piece.offsets:
+            step = grid.axes @ (offset * grid.spacing)
+            points, value = centers + step, middle + slope @ step
+            functions, gradients = product_rule(control, frames, value, slope, points)
+            cells = piece.cells
+            in_cells = None if cells is None else (cells.voxel_cell[some], cells.place[some] + offset / cells.factor)
+            place = (points - piece.center) / piece.length
+            volume = grid.cell_volume / len(piece.offsets)
+            add_points(total, volume, place, value, slope, functions, gradients, in_cells)
+    return total
 
 
-def _minimum(energy: Array, constraints: Array, held: int, give: Array | None = None) -> Array:
-    """Matrix of the minimum of ½ zᵀ H z over all of z but the first `held`, where constraints C z = G μ, μ multipliers.
+def _rows_of_one_material(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+    material = grid.material[voxels]
+    return [np.flatnonzero(material == m) for m in np.unique(material)]
 
-    energy: H (z, z).  constraints: C (c, z).  give: G (c, c), 0 unless given.
-    """
-    free = slice(held, None)
-    c = len(constraints)
-    saddle = np.block([[energy[free, free], constraints[:, free].T], [constraints[:, free], np.zeros((c, c))]])
-    if give is not None:
-        saddle[-c:, -c:] = -give
-    load = np.vstack([energy[free, :held], constraints[:, :held]])
-    scale = np.ones(len(saddle))
-    for _ in range(EQUILIBRATE):
-        scale /= np.sqrt(np.maximum(np.abs(saddle * scale * scale[:, None]).max(axis=1), TINY))
-    saddle *= scale * scale[:, None]
-    sign = np.r_[np.ones(len(saddle) - c), -np.ones(c)]
-    load *= scale[:, None]
-    matrix = energy[:held, :held] - load.T @ np.linalg.solve(saddle + np.diag(TINY * sign), load)
-    return (matrix + matrix.T) / 2
+
+def _pieces(
+    grid: Grid, weights: sparse.csr_array, voxels: list[NDArray[np.int32]], frames: list[NDArray[np.int64]]
+) -> list[Piece]:
+    """The pieces of all regions."""
+    label = np.full(len(grid.index), -1, np.int32)
+    for e, some in enumerate(voxels):
+        label[some] = e
+    component = _components(grid.index, grid.padded, label)
+    split: list[tuple[int, NDArray[np.int32], bool]] = []
+    for e, some in enumerate(voxels):
+        ids = component[some]
+        order = np.argsort(ids, kind="stable")
+        sets = np.split(some[order], np.flatnonzero(np.diff(ids[order])) + 1)
+        split += [(e, members, True) for members in sets if len(members) >= MINOR * len(some)]
+        if minor := [members for members in sets if len(members) < MINOR * len(some)]:
+            split.append((e, np.concatenate(minor), False))
+    uneven = [relaxes and _is_uneven(grid, weights, members, frames[e]) for e, members, relaxes in split]
+    work = WORK / max(1, sum(len(members) for (_, members, _), bad in zip(split, uneven, strict=True) if bad))
+    work += WORK_A_VOXEL
+    return [
+        _piece(grid, weights, e, relaxes, members, frames[e], component, work * len(members) if bad else 0.0)
+        for (e, members, relaxes), bad in zip(split, uneven, strict=True)
+    ]
+
+
+def _is_uneven(
+    grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32], frames: NDArray[np.int64]
+) -> bool:
+    """Whether material or weights vary so much that monomials are not enough."""
+    young = grid.per_material("young")[np.unique(grid.material[voxels])]
+    if young.max() >= HOMOGENEOUS * young.min():
+        return True
+    return _linear_fit(grid, weights, voxels, frames)[1] >= NEARLY_LINEAR
+
+
+def _linear_fit(
+    grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32], frames: NDArray[np.int64]
+) -> tuple[Array, float]:
+    """Constant and slope (4, f) [1, 1/m] of the weights' least-squares fit about the mean centre; its rms residual [-]."""
+    centers = grid.points(voxels)
+    offset = centers - centers.mean(axis=0)
+    dense = weights_at(weights, voxels, frames)
+    mean = dense.mean(axis=0)
+    slope = np.linalg.pinv(offset.T @ offset, rcond=FLAT, hermitian=True) @ (offset.T @ (dense - mean))
+    residual = np.sqrt(np.mean(np.sum((dense - mean - offset @ slope) ** 2, axis=1)))
+    return np.vstack([mean, slope]), float(residual)
+
+
+def _piece(
+    grid: Grid,
+    weights: sparse.csr_array,
+    region: int,
+    relaxes: bool,
+    voxels: NDArray[np.int32],
+    frames: NDArray[np.int64],
+    component: NDArray[np.int32],
+    work: float,
+) -> Piece:
+    """One piece; work: [flop] that eliminating its cells' nodes may take, 0 where it is even."""
+    centers = grid.points(voxels)
+    center = centers.mean(axis=0)
+    length = float(np.abs(centers - center).max() + grid.spacing.max())
+    ends = _ends(grid.index, grid.padded, component, voxels)
+    thin = len(voxels) < THIN * ends
+    fit = None if work or not relaxes else _linear_fit(grid, weights, voxels, frames)[0]
+    cells = _cells(grid, voxels, work, 3 * len(frames)) if work else None
+    return Piece(region, relaxes, voxels, center, length, _offsets(thin), fit, cells)
+
+
+def _offsets(thin: NDArray[np.bool_]) -> Array:
+    """(q, 3) points in a voxel [voxels] that integrate squares exactly along the axes where a piece is thin."""
+    if thin.all():  # four of the eight of Gauss's points are enough
+        return GAUSS * TETRAHEDRON
+    return np.array(list(product(*((-GAUSS, GAUSS) if along else (0.0,) for along in thin))))
+
+
+def _cells(grid: Grid, voxels: NDArray[np.int32], work: float, columns: int) -> CellGrid | None:
+    index = grid.index[voxels]
+    for factor in range(1, 1 + int(np.ptp(index, axis=0).max()) // COARSEST):
+        if elimination_cost(index, factor, columns) <= work:
+            return cell_grid(index, grid.spacing, grid.axes, factor)
+    return None
+
+
+@njit(cache=True, nogil=True)
+def _components(index, padded, label):
+    """(n,) a number for each set of voxels of one label that hang together by faces."""
+    root = np.arange(len(index), dtype=np.int32)
+    for v in range(len(index)):
+        if label[v] < 0:
+            continue
+        for axis in range(3):
+            x, y, z = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
+            n = padded[x - (axis == 0), y - (axis == 1), z - (axis == 2)]
+            if n >= 0 and label[n] == label[v]:
+                a, b = v, n
+                while root[a] != a:
+                    root[a] = root[root[a]]
+                    a = root[a]
+                while root[b] != b:
+                    root[b] = root[root[b]]
+                    b = root[b]
+                root[max(a, b)] = min(a, b)
+    for v in range(len(index)):
+        root[v] = root[root[v]]  # roots come first
+    return root
+
+
+@njit(cache=True, nogil=True)
+def _ends(index, padded, component, voxels):
+    """(3,) how many rows of voxels along each axis make up a piece."""
+    count = np.zeros(3, np.int64)
+    for v in voxels:
+        for axis in range(3):
+            x, y, z = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
+            n = padded[x + (axis == 0), y + (axis == 1), z + (axis == 2)]
+            count[axis] += n < 0 or component[n] != component[v]
+    return count

@@ -10,17 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
 from mjframes.control import ControlPoints, points_of
+from mjframes.gradients import control_gradients
 from mjframes.grid import Grid
 from mjframes.regions import Regions, members_of
+from mjframes.relaxation import relaxed_regions
 from mjframes.threads import in_parallel
 from mjframes.tree import Tree
-from mjframes.weights import weight_gradients, weights_at
 
 BLOCK = 1024  # [voxels] of one matrix product: its gradients fit the cache
 SHARE = 1 << 15  # [voxels] that one thread sums up at a time
@@ -41,9 +41,14 @@ class Stiffness:
 
 
 def region_stiffness(
-    grid: Grid, weights: sparse.csr_array, control: ControlPoints, regions: Regions, tree: Tree
+    grid: Grid,
+    weights: sparse.csr_array,
+    control: ControlPoints,
+    regions: Regions,
+    tree: Tree,
+    relax: bool = True,
 ) -> Stiffness:
-    """Stiffness matrix and mean gradients of every region, at rest."""
+    """Stiffness matrix and mean gradients of every region, at rest; relax: let its material relax within it."""
     rank = np.argsort(tree.order)
     frames = [np.array(members)[np.argsort(rank[list(members)])] for members in regions.frames]
     voxels = members_of(regions.label, len(frames))
@@ -56,7 +61,9 @@ def region_stiffness(
     def work(piece: tuple[int, NDArray[np.int32]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return _sum_voxels(grid, weights, control, piece[1], frames[piece[0]])
 
-    pieces = [(e, some) for e, members in enumerate(voxels) for some in _of_one_material(grid, members)]
+    relaxing = [e for e in range(len(frames)) if relax and not _is_uniform(control, frames[e])]
+    rest = sorted(set(range(len(frames))) - set(relaxing))
+    pieces = [(e, some) for e in rest for some in _of_one_material(grid, voxels[e])]
     with threadpool_limits(1, "blas"):  # the regions are spread over the processors already
         sums = in_parallel(work, pieces)
         for (e, some), (gradient, product) in zip(pieces, sums, strict=True):
@@ -64,24 +71,18 @@ def region_stiffness(
             gradients[e] += young[material] * gradient
             moduli[e] += young[material] * len(some)
             matrices[e] += _hooke(lam[material] * grid.cell_volume, mu[material] * grid.cell_volume, product)
+    parts = relaxed_regions(grid, weights, control, [voxels[e] for e in relaxing], [frames[e] for e in relaxing])
+    for e, (gradient, matrix) in zip(relaxing, parts, strict=True):
+        gradients[e], matrices[e] = gradient.ravel(), matrix
+        moduli[e] = young[grid.material[voxels[e]]].sum() * grid.cell_volume
     volume = np.array([len(some) for some in voxels]) * grid.cell_volume
     mean = [(g / total).reshape(-1, 3) for g, total in zip(gradients, moduli, strict=True)]
     return Stiffness(tuple(points), tuple(mean), tuple(matrices), volume)
 
 
-def control_gradients(
-    grid: Grid,
-    weights: sparse.csr_array,
-    control: ControlPoints,
-    voxels: NDArray[np.integer],
-    frames: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    """∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight."""
-    chosen, place = points_of(control, frames)
-    return _product_rule(
-        weights_at(weights, voxels, frames), weight_gradients(grid, weights, voxels, frames), place,
-        grid.points(voxels), control.basis[chosen], control.center[chosen], control.scale[chosen], control.axes,
-    )  # fmt: skip
+def _is_uniform(control: ControlPoints, frames: NDArray[np.int64]) -> bool:
+    """Whether a region of these frames can only be strained uniformly: then relaxation leaves it alone."""
+    return len(frames) == 1 and not control.basis[control.frame == frames[0], 4:].any()
 
 
 def _of_one_material(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:
@@ -115,31 +116,3 @@ def _hooke(lam: float, mu: float, product: NDArray[np.float64]) -> NDArray[np.fl
     blocks = product.reshape(m, 3, m, 3)
     matrix = lam * product + mu * blocks.transpose(0, 3, 2, 1).reshape(3 * m, 3 * m)
     return matrix + np.kron(mu * np.einsum("jaka->jk", blocks), np.eye(3))
-
-
-@njit(cache=True, nogil=True)
-def _product_rule(weight, weight_gradient, place, points, basis, center, scale, axes):
-    """φ_j ∇w_i + w_i ∇φ_j (v, m, 3) of points j of frame i = place[j]."""
-    gradient = np.empty((len(points), len(place), 3))
-    y, slope, turned = np.empty(3), np.empty(3), np.empty(3)
-    for v in range(len(points)):
-        for j in range(len(place)):
-            i = place[j]
-            b = basis[j]
-            if j == 0 or place[j - 1] != i:  # all points of a frame share center and scale
-                for a in range(3):
-                    y[a] = 0.0
-                    for x in range(3):
-                        y[a] += (points[v, x] - center[j, x]) * axes[x, a] / scale[j]
-            phi = b[0] + b[1] * y[0] + b[2] * y[1] + b[3] * y[2]
-            slope[0], slope[1], slope[2] = b[1], b[2], b[3]
-            if b[4] != 0 or b[5] != 0 or b[6] != 0 or b[7] != 0 or b[8] != 0 or b[9] != 0:
-                phi += b[4] * y[0] * y[0] + b[5] * y[1] * y[1] + b[6] * y[2] * y[2]
-                phi += b[7] * y[0] * y[1] + b[8] * y[1] * y[2] + b[9] * y[2] * y[0]
-                slope[0] += 2 * b[4] * y[0] + b[7] * y[1] + b[9] * y[2]
-                slope[1] += 2 * b[5] * y[1] + b[7] * y[0] + b[8] * y[2]
-                slope[2] += 2 * b[6] * y[2] + b[8] * y[1] + b[9] * y[0]
-            for x in range(3):
-                turned[x] = (axes[x, 0] * slope[0] + axes[x, 1] * slope[1] + axes[x, 2] * slope[2]) / scale[j]
-                gradient[v, j, x] = phi * weight_gradient[v, i, x] + weight[v, i] * turned[x]
-    return gradient

@@ -110,19 +110,14 @@ def cell_stiffness(grid: CellGrid, lam: Array, mu: Array) -> sparse.csr_array:
     return sparse.csr_array((blocks.ravel(), at), shape=(size, size))
 
 
-def add_moments(grid: CellGrid, rows: slice, offset: Array, fields: Array, total: Array) -> None:
-    """Add Σ s^p u to `total` (c, 8, u), for fields u (s, u) at `offset` (3,) [voxels] from the centres of some voxels."""
-    _add_moments(grid.voxel_cell[rows], grid.place[rows] + offset / grid.factor, fields, total)
-
-
 def at_nodes(grid: CellGrid, moments: Array, coefficients: Array) -> Array:
-    """(N, u) Σ over the cells of a node: coefficients (8, 8) of s^p in its corner's function, moments (c, 8, u)."""
-    parts = np.einsum("ap,cpu->cau", coefficients, moments, optimize=True)
-    count = grid.cell_nodes.size
+    """(N, u) Σ over the cells of a node: coefficients (8, 8) of s^p in its corner's function, moments (8, c, u)."""
+    _, c, u = moments.shape
+    parts = (coefficients @ moments.reshape(8, -1)).reshape(8 * c, u)
     gather = sparse.csr_array(
-        (np.ones(count), (grid.cell_nodes.ravel(), np.arange(count))), shape=(len(grid.nodes), count)
+        (np.ones(8 * c), (grid.cell_nodes.T.ravel(), np.arange(8 * c))), shape=(len(grid.nodes), 8 * c)
     )
-    return gather @ parts.reshape(count, -1)
+    return gather @ parts
 
 
 def rigid_motions(nodes: Array) -> Array:
@@ -171,15 +166,15 @@ def _six_supports(nodes: Array) -> NDArray[np.int64]:
 
 
 @njit(cache=True, nogil=True)
-def _add_moments(cells, place, fields, total):
+def add_moments(cell, place, fields, total):
+    """Add Σ s^p u to total (8, c, u) over points in cells (n,) at s = place (n, 3), for fields u (n, u)."""
     power = np.empty(8)
-    for v in range(len(cells)):
+    for v in range(len(cell)):
         for p in range(8):
             power[p] = 1.0
             for d in range(3):
                 if (p >> (2 - d)) & 1:
                     power[p] *= place[v, d]
-        cell = total[cells[v]]
         for p in range(8):
             for u in range(fields.shape[1]):
-                cell[p, u] += power[p] * fields[v, u]
+                total[p, cell[v], u] += power[p] * fields[v, u]

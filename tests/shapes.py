@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from mjframes.grid import Grid, voxel_grid
 from mjframes.material import Material
+from mjframes.placement import Placement, place_frames
 from mjframes.volume import Volume
 
 SOFT, FIRM, STIFF = Material(1e3, 0.45, 1000), Material(5e3, 0.3, 1100), Material(8e4, 0.2, 1300)
@@ -34,3 +35,38 @@ def mixed() -> Volume:
     labels[9:12, 3:5, :] = 0
     axes = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
     return Volume(labels, np.array([0.01, 0.013, 0.008]), np.array([0.2, -0.1, 0.4]), axes, MATERIALS)
+
+
+def plate_of_figure_6() -> tuple[Grid, Placement, dict[str, np.ndarray]]:
+    """A plate with an arm: the red node on the left, one to the right of the arm's foot, one at the arm's tip."""
+    labels = np.zeros((80, 60, 1), np.uint8)
+    labels[:, :20] = 1
+    labels[30:50, 20:] = 1
+    grid = voxel_grid(Volume.from_labels(labels, 0.01, MATERIALS))
+    x, y, _ = grid.index.T
+    places = {
+        "between the nodes": (x > 12) & (x < 28),
+        "arm, foot": (x >= 30) & (x < 40) & (y >= 20) & (y < 28),
+        "arm, upper half": (y >= 41) & (y < 52),
+        "right end": x >= 65,
+    }
+    placement = place_frames(grid, at=[[0.085, 0.105, 0.005], [0.475, 0.105, 0.005], [0.405, 0.565, 0.005]])
+    return grid, placement, {name: np.flatnonzero(where) for name, where in places.items()}
+
+
+def thread_of_three_arms() -> tuple[Grid, np.ndarray, tuple[np.ndarray, np.ndarray], float, float, float]:
+    """Threads that meet in one voxel; two of them diagonal, so that neighbours touch at edges only.
+
+    The grid, a position on each arm, the third arm's voxels with their distance t from the fork, and the distances of
+    the three positions from the fork [m].
+    """
+    size = 40
+    labels = np.zeros((2 * size + 1, size + 61, 1), np.uint8)
+    for step in range(1, size + 1):
+        labels[size - step, size - step] = labels[size + step, size - step] = 1
+    labels[size, size:] = 1
+    grid = voxel_grid(Volume.from_labels(labels, 0.01, MATERIALS))
+    centers = np.array([[size - 16, size - 16, 0], [size + 8, size - 8, 0], [size, size + 60, 0]]) + 0.5
+    arm = grid.lookup[size, size:, 0]
+    root = 0.01 * np.sqrt(2)
+    return grid, 0.01 * centers, (arm, 0.01 * np.arange(len(arm))), 16 * root, 8 * root, 0.6

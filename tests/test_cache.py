@@ -128,6 +128,13 @@ def test_an_error_leaves_nothing_behind() -> None:
     assert not stage_directory().exists()
 
 
+def test_a_missing_input_is_left_to_the_stage(tmp_path: Path) -> None:
+    stage = Stage()
+    cached("stage", (tmp_path / "none.ply",), stage)
+    cached("stage", (tmp_path / "none.ply",), stage)
+    assert stage.runs == 2
+
+
 def test_the_least_recently_used_entries_go(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage()
     for number in range(3):

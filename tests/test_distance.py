@@ -5,8 +5,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 from shapes import bar, block, mixed
 
-from mjframes.distance import compliance_distance, voxel_graph
+from mjframes.distance import VoxelGraph, compliance_distance, edge_costs, sweep, voxel_graph
 from mjframes.grid import Grid, voxel_grid
+from mjframes.material import Material
+from mjframes.volume import Volume
 
 
 def all_edges(grid: Grid) -> sparse.csr_array:
@@ -59,25 +61,48 @@ def test_symmetric_volume_has_exactly_symmetric_distances_and_ties_go_to_the_fir
     assert np.all(other.label[grid.lookup[9]] == 0)
 
 
-def test_later_sources_improve_an_earlier_result():
-    grid = voxel_grid(mixed())
-    graph = voxel_graph(grid)
-    both = compliance_distance(graph, [10, 500], label=[0, 1])
-    before = compliance_distance(graph, 10, label=0)
-    kept = before.distance.copy()
-    after = compliance_distance(graph, 500, label=1, start=before)
-    assert np.array_equal(after.distance, both.distance)
-    assert np.array_equal(after.label, both.label)
-    assert np.array_equal(before.distance, kept)
-
-
-def test_paths_start_at_their_cost_end_at_their_reach_and_stay_in_their_zone():
+def test_sources_start_at_their_cost():
     grid = bar(*[1] * 8)
     step = float(np.float32(1e-5))
+    found = compliance_distance(voxel_graph(grid), [1, 7], label=[0, 1], cost=[step, 3.5 * step])
+    np.testing.assert_allclose(found.distance, step * np.array([2, 1, 2, 3, 4, 5, 4.5, 3.5]))
+    assert found.label.tolist() == [0] * 6 + [1] * 2
+
+
+def test_extreme_contrast_is_exact_too():
+    """More than the ring of buckets holds: the bucket at hand is kept in order."""
+    labels = np.ones((12, 7, 5), np.uint8)
+    labels[3:9, 1:6] = 2
+    labels[5:7, :, 2] = 3
+    materials = {1: Material(1e3, 0.3, 1000), 2: Material(1e9, 0.3, 1000), 3: Material(2e5, 0.3, 1000)}
+    grid = voxel_grid(Volume.from_labels(labels, 0.01, materials))
+    graph = voxel_graph(grid)
+    assert graph.ordered
+    found = compliance_distance(graph, [0, 300], label=[0, 1])
+    expected = dijkstra(all_edges(grid), indices=[0, 300])
+    np.testing.assert_allclose(found.distance, expected.min(axis=0), rtol=1e-6)
+    assert np.array_equal(found.label, expected.argmin(axis=0))
+
+
+def sweep_from(graph: VoxelGraph, source: int, zone=None, bound=None, reach: float | None = None) -> np.ndarray:
+    n = len(graph.cell)
+    distance, rank, visited = np.full(n, np.inf), np.zeros(n), np.zeros(n, np.int32)
+    distance[source], rank[source], visited[0] = 0, -(reach or 0), source
+    count = sweep(graph, zone, bound, reach is not None, distance, rank, visited, 1)
+    assert set(visited[:count]) == set(np.flatnonzero(np.isfinite(distance)))
+    return distance
+
+
+def test_paths_stay_in_their_zone_below_their_bound_and_end_at_their_reach():
+    graph = voxel_graph(bar(*[1] * 8))
+    step = float(np.float32(1e-5))
     zone = np.array([0, 0, 0, 0, 0, 0, 1, 1], np.int32)
-    found = compliance_distance(voxel_graph(grid), 1, cost=step, reach=3.5 * step, zone=zone)
-    np.testing.assert_allclose(found.distance[:5], step * np.array([2, 1, 2, 3, 4]))
-    assert np.all(np.isinf(found.distance[5:]))
-    assert np.all(found.label[5:] == -1)
-    far = compliance_distance(voxel_graph(grid), 1, zone=zone)
-    assert np.array_equal(np.isfinite(far.distance), zone == 0)
+    assert np.array_equal(np.isfinite(sweep_from(graph, 1, zone=zone)), zone == 0)
+    bound = step * np.array([9, 9, 9, 9, 3, 9, 9, 9])
+    assert np.array_equal(np.flatnonzero(np.isfinite(sweep_from(graph, 1, bound=bound))), [0, 1, 2, 3])
+    assert np.array_equal(np.flatnonzero(np.isfinite(sweep_from(graph, 1, reach=2.5 * step))), [0, 1, 2, 3, 4])
+
+
+def test_edge_costs_have_the_bits_of_a_float():
+    cost = edge_costs(0.1, 1 / 3, 1 / 7)
+    assert cost == np.float32(cost)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from mjframes.errors import MjframesError
 from mjframes.material import Material
 from mjframes.meshes import MeshLike, MeshWarning, Surface, lids, load_surface, winding_number
 from mjframes.volume import Volume
-from mjframes.voxelize import spacing_for
+from mjframes.voxelize import _crossings, spacing_for
 
 SHARED = Path(__file__).parent.parent.parent / "shared" / "data"
 FLESH = Material(young=2e4, poisson=0.45, density=1050)
@@ -106,6 +107,15 @@ def test_rays_through_vertices_and_edges_do_not_leak() -> None:
     rows = np.diff(np.pad(volume.labels.astype(int), ((0, 0), (0, 0), (1, 1))), axis=2)
     assert (np.abs(rows).sum(axis=2) <= 2).all()
     assert size(volume) == pytest.approx(mesh.volume, rel=0.05)
+
+
+def test_columns_close_where_edges_pass_their_centres() -> None:
+    rng = np.random.default_rng(0)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    for _ in range(200):  # corners at voxel centres: edges between them meet other centres, up to rounding
+        change = np.zeros((100, 100, 2), np.int32)
+        _crossings(rng.integers(0, 100, (4, 3)).astype(np.float64), faces, change)
+        assert not change.sum(axis=2).any()
 
 
 def test_wanted_number_of_voxels() -> None:
@@ -227,12 +237,32 @@ def test_a_fin_of_no_thickness_encloses_nothing() -> None:
 def test_a_hole_is_closed_by_the_winding_number(is_turned: bool) -> None:
     pytest.importorskip("igl")
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
-    bowl = trimesh.Trimesh(mesh.vertices, mesh.faces[mesh.triangles_center[:, 2] < 0.5])
+    bowl = trimesh.Trimesh(mesh.vertices + np.array([0, 0, 20]), mesh.faces[mesh.triangles_center[:, 2] < 0.5])
     volume, notices = said([(turned(bowl) if is_turned else bowl, FLESH)], 0.05)
-    assert centers(volume)[:, 2].max() == pytest.approx(0.5, abs=0.05)  # a flat lid is where w is exactly ½
+    assert centers(volume)[:, 2].max() == pytest.approx(20.5, abs=0.05)  # a flat lid is where w is exactly ½
     assert size(volume) == pytest.approx(np.pi * 1.5**2 * (3 - 1.5) / 3, rel=0.02)
     assert "not watertight" in notices[-1]
     assert ("inside out" in notices[0]) == is_turned
+
+
+def test_a_bent_hole_is_closed_by_the_winding_number_and_not_by_its_lid() -> None:
+    pytest.importorskip("igl")
+    mesh = box((1, 1, 1)).subdivide().subdivide()
+    corner = (mesh.face_normals @ [1, 1, 0]) > 0.5  # two adjacent sides are open
+    gutter = trimesh.Trimesh(mesh.vertices, mesh.faces[~corner])
+    volume, _ = said([(gutter, FLESH)], 0.0625)
+    points = (np.argwhere(volume.labels < 9) + 0.5) * volume.spacing
+    w = winding_number(points, np.asarray(gutter.triangles))
+    is_clear = np.abs(w - 0.5) > 0.01  # libigl approximates
+    np.testing.assert_array_equal(volume.labels.ravel()[is_clear] != 0, w[is_clear] > 0.5)
+    assert is_clear.mean() > 0.9
+
+
+def test_open_surfaces_ask_for_libigl(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "igl", None)
+    mesh = box((0.1, 0.1, 0.1))
+    with pytest.raises(MjframesError, match=r'not watertight and needs libigl; run pip install "mjframes\[meshes\]"'):
+        Volume.from_meshes([(trimesh.Trimesh(mesh.vertices, mesh.faces[1:]), FLESH)], 0.01)
 
 
 def test_lids_close_every_hole() -> None:
@@ -355,6 +385,7 @@ def test_broken_meshes(name: str, reference: float | None, notice: str) -> None:
     [("triangle_soup_100.stl", "its 100 triangles are loose .* enclose nothing"), ("woody_flat2d.obj", "is flat")],
 )
 def test_what_has_no_inside_is_refused(name: str, message: str) -> None:
+    pytest.importorskip("igl")
     with pytest.raises(MjframesError, match=message):
         Volume.from_meshes([(shared(f"broken_meshes/{name}"), FLESH)], voxels=100_000)
 

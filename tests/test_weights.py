@@ -7,7 +7,8 @@ from shapes import bar, block, mixed
 from mjframes.constants import NEGLIGIBLE_WEIGHT
 from mjframes.grid import Grid, voxel_grid
 from mjframes.placement import Placement, place_frames
-from mjframes.weights import voronoi_weights, weight_gradients, weights_at
+from mjframes.errors import MjframesError
+from mjframes.weights import frame_weights, voronoi_weights, weight_gradients, weights_at
 
 CASES = {
     "mixed": (voxel_grid(mixed()), 6),
@@ -129,3 +130,34 @@ def test_gradients_of_some_frames_sum_to_zero():
     expected = (w[2, frames] - w[0, frames]) / 0.02
     expected -= w[1, frames] * expected.sum()
     np.testing.assert_allclose(weight_gradients(grid, weights, [10], frames)[0, :, 0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["voronoi", "harmonic", "linear"])
+def test_every_kind_is_a_partition_of_unity_that_interpolates(kind):
+    grid = bar(*[1] * 8, *[4] * 3, *[2] * 8)
+    placement = place_frames(grid, at=grid.centers[[0, 5, -1]])
+    weights = frame_weights(grid, placement, kind, subdivisions=2)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
+    assert np.array_equal(weights.toarray()[[0, 5, 18]], np.eye(3))
+    assert np.ptp(weights.toarray()[8:11], axis=0).max() == 0
+    assert weights.has_sorted_indices
+
+
+def test_subdivisions_reach_the_kernels():
+    grid = block(14, 9, 2)
+    placement = place_frames(grid, 4)
+    assert abs(frame_weights(grid, placement, subdivisions=3) - frame_weights(grid, placement)).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("kind", "subdivisions", "words"),
+    [
+        ("gaussian", 1, "weights is 'gaussian'"),
+        ("voronoi", 0, "subdivisions is 0"),
+        ("voronoi", 1.5, "subdivisions is 1.5"),
+    ],
+)
+def test_unknown_kernels_are_refused(kind, subdivisions, words):
+    grid = bar(1, 1, 1)
+    with pytest.raises(MjframesError, match=words):
+        frame_weights(grid, place_frames(grid, 1), kind, subdivisions)
