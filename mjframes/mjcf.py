@@ -66,6 +66,7 @@ def attach(
     # MuJoCo wants a prefix when it attaches: all but the last letter of the name, which makes the names come out right
     prefix, local = name[:-1], name[-1]
     spec = mujoco.MjSpec()
+    spec.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
     spec.activate_plugin(plugin.NAME)
     patches = _patches(body) if contact else []
     instance = spec.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
@@ -100,7 +101,7 @@ def _add_bodies(spec: mujoco.MjSpec, body: SoftBody, name: str) -> list[mujoco.M
     return bodies
 
 
-def _printable(values: np.ndarray | float) -> list[float]:
+def _printable(values: np.ndarray | np.floating | float) -> list[float]:
     """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
     return [float(f"{value:.6g}") for value in np.atleast_1d(values)]
 
@@ -146,7 +147,7 @@ def _patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
 def _add_patches(
     spec: mujoco.MjSpec, body: SoftBody, name: str, bodies: list[mujoco.MjsBody], patches: list[np.ndarray]
 ) -> None:
-    half = BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0))
+    half = _printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     spec.add_mesh(name=f"{name}_bounds", uservert=corners.ravel())
     for number, spheres in enumerate(patches):
