@@ -139,10 +139,11 @@ def main() -> None:
 
 
 def machine() -> dict[str, str]:
-    """What the numbers depend on: processor, system, versions."""
+    """What the numbers depend on: processor, what else it does, system, versions."""
     packages = ("mujoco", "numpy", "scipy", "numba")
     return {
         "processor": f"{_processor()}, {os.cpu_count()} cores, of which steps use one",
+        "load": f"{os.getloadavg()[0]:.1f} cores busy in the last minute",
         "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "versions": ", ".join(f"{name} {version(name)}" for name in packages),
     }

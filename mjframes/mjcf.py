@@ -66,7 +66,6 @@ def attach(
     # MuJoCo wants a prefix when it attaches: all but the last letter of the name, which makes the names come out right
     prefix, local = name[:-1], name[-1]
     spec = mujoco.MjSpec()
-    spec.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
     spec.activate_plugin(plugin.NAME)
     patches = _patches(body) if contact else []
     instance = spec.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
@@ -75,6 +74,7 @@ def attach(
     if patches:
         _add_patches(spec, body, local, bodies, patches)
     _add_skins(spec, body, local)
+    spec.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
     frame = parent.add_frame(pos=list(pos), quat=list(quat))
     try:
         frame.attach_body(bodies[0], prefix, "")

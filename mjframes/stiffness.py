@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from threadpoolctl import threadpool_limits
 
 from mjframes.control import ControlPoints, control_functions, points_of
 from mjframes.grid import Grid
@@ -44,12 +45,14 @@ def region_stiffness(
     points, gradients, matrices = [], [], []
     order = np.argsort(regions.label, kind="stable")
     voxels = np.split(order, np.searchsorted(regions.label[order], np.arange(1, len(regions.frames))))
-    for members, some in zip(regions.frames, voxels, strict=True):
-        frames = np.array(members)[np.argsort(rank[list(members)])]
-        gradient, matrix = _sum_voxels(grid, weights, control, some, frames)
-        points.append(points_of(control, frames)[0])
-        gradients.append(gradient)
-        matrices.append(matrix)
+    # the products are small: threads of the linear algebra would only wait for each other on a busy machine
+    with threadpool_limits(1, user_api="blas"):
+        for members, some in zip(regions.frames, voxels, strict=True):
+            frames = np.array(members)[np.argsort(rank[list(members)])]
+            gradient, matrix = _sum_voxels(grid, weights, control, some, frames)
+            points.append(points_of(control, frames)[0])
+            gradients.append(gradient)
+            matrices.append(matrix)
     volume = np.array([len(some) for some in voxels]) * grid.cell_volume
     return Stiffness(tuple(points), tuple(gradients), tuple(matrices), volume)
 

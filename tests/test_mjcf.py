@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -14,10 +15,10 @@ from scenes import FLOOR, TILTED, beam, compiled, lump
 
 from mjframes.errors import MjframesError
 from mjframes.mjcf import ATTRIBUTES, attach, decode, encode
-from mjframes.plugin import NAME, cache_directory, library_path
+from mjframes.plugin import NAME
 from mjframes.view import soft, soft_names
 
-PRINTABLE = (0.6, 0.0, 0.8, 0.0)  # MuJoCo saves six digits
+PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
 
 
 def scene_of_two() -> mujoco.MjSpec:
@@ -27,8 +28,10 @@ def scene_of_two() -> mujoco.MjSpec:
     return spec
 
 
-def saved_scene() -> str:
-    spec = scene_of_two()
+@cache
+def saved_beam() -> str:
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    attach(spec.worldbody, beam(beta=0.001), "soft0", (0, 0, 0.1), PRINTABLE)
     spec.compile()
     return spec.to_xml()
 
@@ -55,27 +58,33 @@ def test_a_saved_scene_is_the_same_model(tmp_path: Path) -> None:
 
 
 def test_a_saved_scene_steps_to_the_same_bits() -> None:
-    model = scene_of_two().compile()
-    data, again = mujoco.MjData(model), mujoco.MjData(mujoco.MjModel.from_xml_string(saved_scene()))
+    spec = scene_of_two()
+    model = spec.compile()
+    saved = mujoco.MjModel.from_xml_string(spec.to_xml())
+    data, again = mujoco.MjData(model), mujoco.MjData(saved)
     for _ in range(200):
         mujoco.mj_step(model, data)
-        mujoco.mj_step(again.model, again)
+        mujoco.mj_step(saved, again)
     assert data.ncon > 10
     np.testing.assert_array_equal(again.qpos, data.qpos)
     np.testing.assert_array_equal(again.qvel, data.qvel)
 
 
-def test_a_scene_loads_another_with_a_prefix() -> None:
+def test_a_saved_scene_can_be_attached_with_a_prefix() -> None:
     outer = mujoco.MjSpec.from_string(FLOOR)
-    inner = mujoco.MjSpec.from_string(saved_scene())
-    outer.worldbody.add_frame(pos=[0, 0, 1]).attach_body(inner.body("soft0"), "left_", "")
+    inner = mujoco.MjSpec.from_string(saved_beam())
+    place = outer.worldbody.add_frame(pos=[0, 0, 0.1], quat=PRINTABLE)  # MuJoCo leaves out the frame it was in
+    place.attach_body(inner.body("soft0"), "left_", "")
     model = outer.compile()
-    data, alone = mujoco.MjData(model), mujoco.MjData(compiled(FLOOR, (beam(beta=0.001), (0, 0, 1.1), PRINTABLE))[0])
-    assert soft_names(model) == ["left_soft0"]
-    for _ in range(100):
-        mujoco.mj_step(model, data)
-        mujoco.mj_step(alone.model, alone)
-    np.testing.assert_allclose(data.qpos, alone.qpos, atol=1e-12)
+    attached = soft(model, mujoco.MjData(model), "left_soft0")
+    direct = soft(*compiled(FLOOR, (beam(beta=0.001), (0, 0, 0.1), PRINTABLE)), "soft0")
+    contacts = 0
+    for _ in range(150):
+        for view in (attached, direct):
+            mujoco.mj_step(view.model, view.data)
+            contacts += view.data.ncon
+    assert contacts > 10
+    np.testing.assert_array_equal(attached.control_positions, direct.control_positions)
 
 
 def test_everything_is_named_after_the_body() -> None:
@@ -140,9 +149,7 @@ def test_skins_move_with_the_control_points() -> None:
     data.qpos[:] = 0.01 * np.random.default_rng(0).normal(size=model.nq)
     mujoco.mj_forward(model, data)
     scene = mujoco.MjvScene(model, 100)
-    mujoco.mjv_updateScene(
-        model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene
-    )
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene)
     x = soft(model, data, "soft0").control_positions
     body = lump()
     for skin in range(model.nskin):
@@ -214,7 +221,7 @@ def test_the_discrete_integrator_allows_pgs_and_noslip() -> None:
 
 def edited(key: str, pattern: str, replacement: str) -> str:
     """The saved scene with another value of a configuration key of soft0, the first in it."""
-    return re.sub(rf'(key="{key}" value=")({pattern})', rf"\g<1>{replacement}", saved_scene(), count=1)
+    return re.sub(rf'(key="{key}" value=")({pattern})', rf"\g<1>{replacement}", saved_beam(), count=1)
 
 
 DAMAGED = {
@@ -228,7 +235,7 @@ DAMAGED = {
     "empty": ("point_rest", r"[^\"]*", "", "point_rest is not an array of type f64"),
     "other type": ("region_point", "i32", "f64", "region_point is not an array of type i32"),
     "no count": ("patch_weight", r"f64:\d+", "f64:many", "patch_weight has no valid element count"),
-    "huge count": ("patch_weight", r"f64:\d+", "f64:99999999999999", "patch_weight has no valid element count"),
+    "huge count": ("patch_weight", r"f64:\d+", "f64:99999999999999", "patch_weight is truncated or damaged"),
     "negative count": ("patch_weight", r"f64:\d+", "f64:-1", "patch_weight has no valid element count"),
     "fewer points": ("point_rest", r"[^\"]*", encode(np.zeros(6)), "it has more bodies than control points"),
     "more points": ("point_rest", r"[^\"]*", encode(np.zeros(600)), "its bodies do not match its control points"),
@@ -249,24 +256,20 @@ DAMAGED = {
 def test_damaged_data_is_refused_by_a_sentence(damage: str, warnings: list[str]) -> None:
     *edit, sentence = DAMAGED[damage]
     xml = edited(*edit)
-    assert xml != saved_scene()
+    assert xml != saved_beam()
     with pytest.raises(ValueError, match="init failed") as refusal:
         mujoco.MjModel.from_xml_string(xml)
-    said = " ".join([str(refusal.value), *warnings])
-    assert f"mjframes: soft body 'soft0': {sentence}" in said or ("its " not in sentence and sentence in said)
+    # MuJoCo hands on the warning in its error
+    assert re.search(rf"^mjframes: soft body 'soft0': (.* )?{re.escape(sentence)}.*\.$", str(refusal.value), re.M)
 
 
 def test_a_part_of_a_soft_body_is_refused(warnings: list[str]) -> None:
-    xml = saved_scene().replace('<plugin instance="soft0"/>', "", 1)
-    with pytest.raises(ValueError, match="its bodies do not match its control points: attach or copy the soft body as a"):
+    xml = saved_beam().replace('<plugin instance="soft0"/>', "", 1)
+    with pytest.raises(ValueError, match="its bodies do not match its control points: attach or copy"):
         mujoco.MjModel.from_xml_string(xml)
 
 
 def test_other_joints_are_refused(warnings: list[str]) -> None:
-    xml = saved_scene().replace('type="slide" axis="0 1 0"', 'type="hinge" axis="0 1 0"', 1)
+    xml = saved_beam().replace('type="slide" axis="0 1 0"', 'type="hinge" axis="0 1 0"', 1)
     with pytest.raises(ValueError, match="each of its bodies has to have three slide joints along x, y, z"):
         mujoco.MjModel.from_xml_string(xml)
-
-
-def test_the_cache_holds_the_library_that_was_loaded() -> None:
-    assert library_path().parent == cache_directory()

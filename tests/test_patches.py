@@ -36,15 +36,16 @@ def members(patches: Patches, patch: int) -> np.ndarray:
 
 
 def test_every_sphere_is_in_one_patch(spheres) -> None:
-    patches = group_patches(*spheres, control(4))
+    centers, normals, weights = spheres
+    patches = group_patches(centers, normals, weights, control(4))
     assert sorted(patches.order) == list(range(300))
     assert np.array_equal(np.unique(patches.patch), np.arange(patches.patch.max() + 1))
     assert np.all(np.diff(100 * patches.patch + patches.cluster) >= 0)
 
 
 def test_a_patch_has_one_deepest_frame_and_faces_one_way(spheres) -> None:
-    _, normals, weights = spheres
-    patches = group_patches(*spheres, control(4))
+    centers, normals, weights = spheres
+    patches = group_patches(centers, normals, weights, control(4))
     deepest = np.array([weights[[s]].indices.max() // 4 for s in range(300)])
     axis = np.abs(normals).argmax(axis=1)
     facing = np.stack([deepest, axis, np.sign(normals[np.arange(300), axis])], axis=1)
@@ -54,8 +55,9 @@ def test_a_patch_has_one_deepest_frame_and_faces_one_way(spheres) -> None:
 
 
 def test_patches_are_in_the_order_of_their_bodies(spheres) -> None:
-    patches = group_patches(*spheres, control(4))
-    deepest = [spheres[2][[s]].indices.max() // 4 for s in patches.order]
+    centers, normals, weights = spheres
+    patches = group_patches(centers, normals, weights, control(4))
+    deepest = [weights[[s]].indices.max() // 4 for s in patches.order]
     assert np.all(np.diff(deepest) >= 0)
 
 
