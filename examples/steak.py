@@ -1,6 +1,6 @@
 """The main job: a T-bone steak of three materials falls on rigid things and is filmed, plotted and logged.
 
-    python examples/steak.py --out out
+Run `python examples/steak.py --out out`.
 """
 
 from __future__ import annotations

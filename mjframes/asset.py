@@ -65,6 +65,13 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
 def load(path: str | os.PathLike[str]) -> SoftBody:
     """Read a soft body. Raises MjframesError for files that are missing, damaged, of another kind or version."""
     arrays = _read(path)
+    try:
+        return _restored(arrays)
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise MjframesError(f"{path}: arrays of the soft body are missing or damaged; build it again.") from error
+
+
+def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
     points = len(arrays["control_frame"])
 
     def weights(name: str) -> sparse.csr_array:
@@ -127,11 +134,13 @@ def _read(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
             arrays = {name: file[name] for name in file.files}
     except OSError as error:
         raise MjframesError(f"{path}: the soft body cannot be read ({error.strerror or error}).") from error
-    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, AttributeError) as error:
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, AttributeError, TypeError) as error:
         raise MjframesError(f"{path}: the file is truncated or damaged or no soft body; build it again.") from error
     if str(arrays.get("kind", "")) != KIND:
-        raise MjframesError(f"{path}: this .npz holds no soft body; give one that mjframes build or SoftBody.save wrote.")
-    version = int(arrays["version"])
+        raise MjframesError(
+            f"{path}: this .npz holds no soft body; give one that mjframes build or SoftBody.save wrote."
+        )
+    version = int(arrays.get("version", 0))
     if version != FORMAT_VERSION:
         raise MjframesError(
             f"{path}: the soft body has format version {version}, this mjframes reads {FORMAT_VERSION}; build it again."

@@ -121,7 +121,11 @@ def build(
     of its own, beside those asked for.  progress: called with the name of each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
-    if not all(np.isfinite(rate) and rate >= 0 for rate in damping):
+    try:
+        alpha, beta = map(float, damping)
+    except (TypeError, ValueError):
+        alpha = beta = np.nan
+    if not (np.isfinite([alpha, beta]).all() and min(alpha, beta) >= 0):
         raise MjframesError(f"damping is {damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
     require_connected(volume)
     progress("listing the voxels")
@@ -167,7 +171,7 @@ def build(
             sparse.csr_array(sphere_weights[patches.order]),
         ),
         materials=dict(volume.materials),
-        damping=(float(damping[0]), float(damping[1])),
+        damping=(alpha, beta),
         voxels=len(grid.index),
         fields=Fields(volume, shape_functions, regions.label, seeds),
     )

@@ -55,7 +55,7 @@ def report() -> list[Finding]:
     return [
         Finding("python", f"{platform.python_version()} ({sys.executable})"),
         Finding("mujoco", mujoco.mj_versionString()),
-        Finding("mjframes", importlib.metadata.version("mjframes")),
+        _finding("mjframes", lambda: importlib.metadata.version("mjframes")),
         _compiler(),
         _finding("plugin", _library),
         _finding("soft body", _step),

@@ -75,6 +75,7 @@ def attach(
     if patches:
         _add_patches(spec, body, local, bodies, patches)
     _add_skins(spec, body, local)
+    spec.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
     frame = parent.add_frame(pos=list(pos), quat=list(quat))
     try:
         frame.attach_body(holder, prefix, "")
@@ -102,7 +103,7 @@ def _add_bodies(holder: mujoco.MjsBody, body: SoftBody, name: str) -> list[mujoc
     return bodies
 
 
-def _printable(values: np.ndarray | float) -> list[float]:
+def _printable(values: np.ndarray | np.floating | float) -> list[float]:
     """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
     return [float(f"{value:.6g}") for value in np.atleast_1d(values)]
 
@@ -151,7 +152,7 @@ def _patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
 def _add_patches(
     spec: mujoco.MjSpec, body: SoftBody, name: str, bodies: list[mujoco.MjsBody], patches: list[np.ndarray]
 ) -> None:
-    half = BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0))
+    half = _printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     spec.add_mesh(name=f"{name}_bounds", uservert=corners.ravel())
     for number, spheres in enumerate(patches):

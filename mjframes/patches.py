@@ -1,7 +1,7 @@
 """Contact spheres grouped into patches (one geom each) and clusters (one contact each); the paper, §5.4.
 
-A patch holds the spheres whose deepest frame in the tree is the same, because its geom's body must carry every degree of
-freedom that moves it, and whose surface faces the same way (± one of the three axes), because a flat floor or a wall
+A patch holds the spheres whose deepest frame in the tree is the same, because its geom's body must carry every degree
+of freedom that moves it, and whose surface faces the same way (± one of the three axes), because a flat floor or a wall
 then meets few patches. Each patch is cut into at most CLUSTERS compact clusters.
 """
 

@@ -39,9 +39,7 @@ class Soft:
         ends = np.cumsum(size)[:-1]
         points = np.split(decode(self.configuration["region_point"]), ends)
         gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), ends)
-        lower = np.split(
-            decode(self.configuration["region_stiffness"]), np.cumsum(3 * size * (3 * size + 1) // 2)[:-1]
-        )
+        lower = np.split(decode(self.configuration["region_stiffness"]), np.cumsum(3 * size * (3 * size + 1) // 2)[:-1])
         matrices = []
         for m, values in zip(size, lower, strict=True):
             matrix = np.zeros((3 * m, 3 * m))

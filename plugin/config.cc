@@ -59,13 +59,15 @@ bool Decode(std::string_view type, const char* value, std::vector<T>* out, std::
   const char* begin = text.data() + first + 1;
   const char* end = text.data() + second;
   const auto parsed = std::from_chars(begin, end, count);
-  // a count that the text cannot hold is refused before anything is allocated for it
-  if (parsed.ec != std::errc() || parsed.ptr != end || count > text.size()) {
+  if (parsed.ec != std::errc() || parsed.ptr != end) {
     *error = "has no valid element count";
     return false;
   }
-  out->resize(count);
-  if (!DecodeBase64(text.substr(second + 1), reinterpret_cast<std::byte*>(out->data()), count * sizeof(T))) {
+  // a count that the text cannot hold is refused before anything is allocated for it
+  const std::string_view data = text.substr(second + 1);
+  const bool fits = count <= data.size();
+  if (fits) out->resize(count);
+  if (!fits || !DecodeBase64(data, reinterpret_cast<std::byte*>(out->data()), count * sizeof(T))) {
     *error = "is truncated or damaged";
     return false;
   }

@@ -277,6 +277,8 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
                "implicitfast, implicit or discrete");
   reader.Check(m->opt.solver != mjSOL_PGS || m->opt.integrator == mjINT_DISCRETE,
                "solver PGS does not see the effective inertia: use Newton or CG");
+  reader.Check(m->opt.noslip_iterations == 0 || m->opt.integrator == mjINT_DISCRETE,
+               "the noslip solver does not see the effective inertia: set noslip_iterations to 0");
   if (reader.ok()) {
     body->alpha_ = reader.Number("alpha");
     body->beta_ = reader.Number("beta");

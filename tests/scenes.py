@@ -39,10 +39,10 @@ def beam(young: float = 2e4, alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
     return build(Volume.from_labels(labels, 0.01, materials), 5, 12, damping=(alpha, beta))
 
 
-def in_space(body: SoftBody, **options: object) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def in_space(body: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The body alone, without gravity, turned; contact left out."""
     weightless = "<mujoco><option gravity='0 0 0'/></mujoco>"
-    return compiled(weightless, (body, (0.1, 0.2, 0.3), TILTED), contact=False, **options)
+    return compiled(weightless, (body, (0.1, 0.2, 0.3), TILTED), contact=False)
 
 
 def compiled(

@@ -1,0 +1,350 @@
+"""How long the precomputation takes and how many steps a second there are: `python -m mjframes.bench`.
+
+The volume and the three sizes are those of the paper's Table 2. A soft body's step is compared with steps of the same
+MuJoCo bodies, of the same masses on the same slides, from whose model the plugin was taken out, which is what any such
+tree of bodies costs in MuJoCo: once free of contact, once with as many contacts, between spheres and the floor.
+What is compared is measured in turns, and medians are taken, so that a machine that slows down does so for all.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from mjframes.body import SoftBody, build
+from mjframes.files import replacing
+from mjframes.scene import standalone_scene
+from mjframes.volume import Volume
+
+VOLUME = Path(__file__).parent.parent / "models" / "steak.npz"
+OUTPUT = Path("out") / "bench.csv"
+
+Size = tuple[int, int]  # frames, samples
+# Size: initialization [s], frames a second (with drawing and collisions, at 2.67 GHz): the paper, Table 2
+PAPER: dict[Size, tuple[float, float]] = {(3, 10): (3, 500), (10, 53): (8, 100), (20, 140): (12, 40)}
+
+TIMESTEP = 2e-3  # [s]
+FALL = 50  # steps before the measured ones: from here on the body touches the box
+STEPS = 500  # measured: it lands, bends over the edge of the box and comes to rest
+BUILDS = 5  # of which the median is taken
+ROUNDS = 7
+
+SOFT, AIR, SPHERES, BODIES = "soft body, contact", "soft body, free", "bodies only, contact", "bodies only, free"
+STEP_NOTE = f"""\
+{SOFT}: it lands on the edge of a box and the floor.  {AIR}: it falls freely.
+{SPHERES}: the same bodies without the plugin, on the floor by as many spheres; what "{SOFT}" is divided by.
+{BODIES}: the same bodies without the plugin, falling freely; what "{AIR}" is divided by.
+The paper's frames a second include drawing, on a processor of 2.67 GHz of its time."""
+
+PARTS = ("position", "collision", "forces", "solver", "other")
+PROFILE_NOTE = """\
+position: kinematics, inertia and its factorization.  collision: contacts of the patches.
+forces: elasticity, the factorization of M + hC + h²K, contact Jacobians.  solver: MuJoCo's, for the contacts."""
+
+
+@dataclass(frozen=True)
+class Building:
+    """Medians [s] of `build`: of each stage, and of the whole."""
+
+    size: Size
+    stages: dict[str, float]
+    total: float
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Of one of the four models of a size.
+
+    contacts, iterations: mean numbers, of the solver's iterations the latter.  step: median time of one [s].
+    """
+
+    size: Size
+    name: str
+    dofs: int
+    contacts: float
+    iterations: float
+    step: float
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Steps that can be repeated: `state` is where they start."""
+
+    size: Size
+    name: str
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    state: np.ndarray
+
+    def step(self, steps: int) -> float:
+        """Wall time of so many steps [s]."""
+        mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        start = time.perf_counter()
+        mujoco.mj_step(self.model, self.data, nstep=steps)
+        return time.perf_counter() - start
+
+    def contacts(self, steps: int) -> tuple[float, float]:
+        """Mean numbers of contacts and of the solver's iterations over the steps."""
+        mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        contacts = iterations = 0
+        for _ in range(steps):
+            mujoco.mj_step(self.model, self.data)
+            contacts += self.data.ncon
+            iterations += self.data.solver_niter[0]  # a single tree is a single island
+        return contacts / steps, float(iterations) / steps
+
+
+def main() -> None:
+    """Measures, prints tables, and writes every number to out/bench.csv."""
+    console = Console()
+    if not console.is_terminal:
+        console.width = 160  # tables are as wide as they need; a pipe's 80 columns would break them
+    rows: list[tuple[object, ...]] = [("machine", "", "", name, text, "") for name, text in machine().items()]
+    for _, _, _, name, text, _ in rows:
+        console.print(f"{name:9}  {text}", highlight=False)
+    volume = Volume.from_labels(VOLUME)
+    console.print(f"{'volume':9}  {VOLUME.name}, {(volume.labels > 0).sum()} voxels", highlight=False)
+
+    bodies, buildings = measure_builds(volume, tuple(PAPER), BUILDS)
+    _show(console, build_table(buildings))
+    runs = [run for body, size in zip(bodies, PAPER, strict=True) for run in prepare_runs(body, volume, size, STEPS)]
+    speeds = measure_steps(runs, ROUNDS, STEPS)
+    _show(console, step_table(speeds), STEP_NOTE)
+    profiles = {run.size: profile(run, STEPS) for run in runs if run.name == SOFT}
+    _show(console, profile_table(profiles), PROFILE_NOTE)
+
+    rows += [("build", *b.size, stage, seconds, "s") for b in buildings for stage, seconds in b.stages.items()]
+    rows += [("build", *b.size, "total", b.total, "s") for b in buildings]
+    rows += [("step", *s.size, s.name, s.step, "s") for s in speeds]
+    rows += [("contacts", *s.size, s.name, s.contacts, "1") for s in speeds]
+    rows += [("iterations", *s.size, s.name, s.iterations, "1") for s in speeds]
+    rows += [("share", *size, part, share, "1") for size, parts in profiles.items() for part, share in parts.items()]
+    rows += [("paper", *size, "initialization", seconds, "s") for size, (seconds, _) in PAPER.items()]
+    rows += [("paper", *size, "frames a second", rate, "1/s") for size, (_, rate) in PAPER.items()]
+    with replacing(OUTPUT, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([("table", "frames", "samples", "row", "value", "unit"), *rows])
+    console.print(f"\n{OUTPUT} holds all of these numbers.", highlight=False)
+
+
+def machine() -> dict[str, str]:
+    """What the numbers depend on: processor, what else it does, system, versions."""
+    packages = ("mujoco", "numpy", "scipy", "numba")
+    return {
+        "processor": f"{_processor()}, {os.cpu_count()} cores, of which steps use one",
+        "load": f"{os.getloadavg()[0]:.1f} cores busy in the last minute",
+        "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "versions": ", ".join(f"{name} {version(name)}" for name in packages),
+    }
+
+
+def measure_builds(
+    volume: Volume, sizes: Sequence[Size], repeats: int
+) -> tuple[tuple[SoftBody, ...], tuple[Building, ...]]:
+    """The soft bodies of the sizes, and how long it took to build them once the kernels were compiled."""
+    build(volume, *sizes[0])
+    timings: list[list[dict[str, float]]] = [[] for _ in sizes]
+    bodies: tuple[SoftBody, ...] = ()
+    for _ in range(repeats):
+        built, stages = zip(*(_timed_build(volume, size) for size in sizes), strict=True)
+        bodies = built
+        for timing, seconds in zip(timings, stages, strict=True):
+            timing.append(seconds)
+    return bodies, tuple(
+        Building(
+            size,
+            {stage: median(timing[stage] for timing in repeated) for stage in repeated[0]},
+            median(sum(timing.values()) for timing in repeated),
+        )
+        for size, repeated in zip(sizes, timings, strict=True)
+    )
+
+
+def prepare_runs(body: SoftBody, volume: Volume, size: Size, steps: int) -> tuple[Run, ...]:
+    """The four models: the soft body that falls on the edge of a box and the floor, and what it is compared with."""
+    soft = _start(size, SOFT, _scene(body, volume, contact=True).compile())
+    spheres = _without_plugin(_scene(body, volume, contact=False))
+    _add_spheres(spheres, round(soft.contacts(steps)[0]), float(np.ptp(body.control.rest)))
+    return (
+        soft,
+        _start(size, AIR, _scene(body, volume, contact=False).compile()),
+        _start(size, SPHERES, spheres.compile()),
+        _start(size, BODIES, _without_plugin(_scene(body, volume, contact=False)).compile()),
+    )
+
+
+def measure_steps(runs: Sequence[Run], rounds: int, steps: int) -> tuple[Speed, ...]:
+    """All runs in turns, `rounds` times."""
+    contacts = [run.contacts(steps) for run in runs]
+    timings = [[run.step(steps) / steps for run in runs] for _ in range(rounds)]
+    return tuple(
+        Speed(run.size, run.name, run.model.nv, *touching, median(seconds))
+        for run, touching, seconds in zip(runs, contacts, zip(*timings, strict=True), strict=True)
+    )
+
+
+def profile(run: Run, steps: int) -> dict[str, float]:
+    """Which share of a step each part takes, by MuJoCo's own timers."""
+    timer = mujoco.mjtTimer
+    mujoco.set_mjcb_time(time.perf_counter)
+    try:
+        before = [entry.duration for entry in run.data.timer]
+        run.step(steps)
+        spent = [entry.duration - start for entry, start in zip(run.data.timer, before, strict=True)]
+    finally:
+        mujoco.set_mjcb_time(None)
+    whole = spent[timer.mjTIMER_STEP]
+    collision = spent[timer.mjTIMER_POS_COLLISION]
+    shares = (
+        (spent[timer.mjTIMER_POSITION] - collision) / whole,
+        collision / whole,
+        spent[timer.mjTIMER_VELOCITY] / whole,
+        spent[timer.mjTIMER_CONSTRAINT] / whole,
+    )
+    return dict(zip(PARTS, (*shares, 1 - sum(shares)), strict=True))
+
+
+def build_table(buildings: Sequence[Building]) -> Table:
+    """Seconds of each stage, one column a size."""
+    table = _table(
+        "Precomputation, seconds, with the kernels compiled", *(_label(building.size) for building in buildings)
+    )
+    for stage in buildings[0].stages:
+        table.add_row(stage, *(f"{building.stages[stage]:.3f}" for building in buildings))
+    table.add_row("total", *(f"{building.total:.2f}" for building in buildings), style="bold")
+    table.add_row("the paper's", *(f"{PAPER[b.size][0]:g}" if b.size in PAPER else "" for b in buildings))
+    return table
+
+
+def step_table(speeds: Sequence[Speed]) -> Table:
+    """One row a model; the soft ones have the ratio to the same bodies without elasticity."""
+    step = {(speed.size, speed.name): speed.step for speed in speeds}
+    columns = ("contacts", "iterations", "µs a step", "steps/s", "× real time", "× bodies", "the paper's frames/s")
+    table = _table(f"Steps of {TIMESTEP * 1e3:g} ms on one core", *columns)
+    for speed in speeds:
+        if speed.name == SOFT:
+            table.add_row(f"{_label(speed.size)}, {speed.dofs} degrees of freedom", style="bold")
+        reference = {SOFT: SPHERES, AIR: BODIES}.get(speed.name)
+        table.add_row(
+            f"  {speed.name}",
+            f"{speed.contacts:.1f}",
+            f"{speed.iterations:.1f}",
+            f"{speed.step * 1e6:.1f}",
+            f"{1 / speed.step:.0f}",
+            f"{TIMESTEP / speed.step:.2f}",
+            f"{speed.step / step[speed.size, reference]:.1f}" if reference else "",
+            f"{PAPER[speed.size][1]:g}" if speed.name == SOFT and speed.size in PAPER else "",
+        )
+    return table
+
+
+def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
+    """Percentages, one column a size."""
+    table = _table(f"Where the step of {SOFT} goes, percent", *map(_label, profiles))
+    for part in PARTS:
+        table.add_row(part, *(f"{100 * shares[part]:.0f}" for shares in profiles.values()))
+    return table
+
+
+def _timed_build(volume: Volume, size: Size) -> tuple[SoftBody, dict[str, float]]:
+    names: list[str] = []
+    times: list[float] = []
+
+    def progress(stage: str) -> None:
+        names.append(stage)
+        times.append(time.perf_counter())
+
+    body = build(volume, *size, progress=progress)
+    times.append(time.perf_counter())
+    return body, dict(zip(names, np.diff(times).tolist(), strict=True))
+
+
+def _scene(body: SoftBody, volume: Volume, contact: bool) -> mujoco.MjSpec:
+    """The body above a floor, and under five eighths of its length a box."""
+    spec = standalone_scene(body, volume, name="body", contact=contact)
+    spec.option.timestep = TIMESTEP
+    length, width, _ = np.ptp(body.skin.vertices, axis=0)
+    half = np.array([length / 2, width, max(length, width) / 12])
+    spec.worldbody.add_geom(
+        name="box", type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=[half[0] - length / 8, 0, half[2]]
+    )
+    return spec
+
+
+def _without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """The same bodies, joints and masses; nothing holds them together."""
+    for body in spec.bodies:
+        body.plugin.active = False
+    for instance in list(spec.plugins):
+        spec.delete(instance)
+    return spec
+
+
+def _add_spheres(spec: mujoco.MjSpec, count: int, size: float) -> None:
+    """`count` spheres that touch the floor, evenly over the bodies; a body without one falls. The box is left out."""
+    spec.delete(spec.geom("box"))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    moving = [body for body in spec.bodies if body.joints]
+    radius = size / 100
+    for number in range(count):
+        body = moving[number % len(moving)]
+        aside = 3 * radius * (number // len(moving))
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            pos=[aside, 0, radius - data.body(body.name).xpos[2]],
+            mass=0,
+            contype=1,
+            conaffinity=0,
+        )
+
+
+def _start(size: Size, name: str, model: mujoco.MjModel) -> Run:
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=FALL)
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    return Run(size, name, model, data, state)
+
+
+def _processor() -> str:
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or "unknown"
+
+
+def _show(console: Console, table: Table, note: str = "") -> None:
+    console.print()
+    console.print(table)
+    if note:
+        console.print(note, highlight=False)
+
+
+def _label(size: Size) -> str:
+    return f"{size[0]} frames, {size[1]} samples"
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("")
+    for column in columns:
+        table.add_column(column, justify="right")
+    return table
+
+
+if __name__ == "__main__":
+    main()

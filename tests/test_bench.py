@@ -1,0 +1,99 @@
+"""That the benchmark measures what it says; never how long anything takes."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjframes import bench
+from mjframes.material import Material
+from mjframes.volume import Volume
+
+SIZE = (2, 3)
+STEPS = 200
+
+
+@pytest.fixture(scope="module")
+def slab() -> Volume:
+    rubber = Material(young=5e3, poisson=0.4, density=1000)
+    return Volume.from_labels(np.ones((24, 18, 3), int), 0.01, {1: rubber})
+
+
+@pytest.fixture(scope="module")
+def runs(slab: Volume) -> dict[str, bench.Run]:
+    bodies, _ = bench.measure_builds(slab, [SIZE], repeats=1)
+    return {run.name: run for run in bench.prepare_runs(bodies[0], slab, SIZE, STEPS)}
+
+
+def test_builds_are_timed_by_stage(slab: Volume) -> None:
+    sizes = [SIZE, (3, 4)]
+    bodies, buildings = bench.measure_builds(slab, sizes, repeats=2)
+    assert [building.size for building in buildings] == sizes
+    assert [len(body.parent) for body in bodies] == [2, 3]
+    for building in buildings:
+        assert "computing the weights" in building.stages
+        assert all(seconds > 0 for seconds in building.stages.values())
+        assert building.total > max(building.stages.values())
+
+
+def test_the_floor_is_the_same_bodies_without_the_plugin(runs: dict[str, bench.Run]) -> None:
+    soft = runs[bench.SOFT].model
+    for name in (bench.SPHERES, bench.BODIES):
+        model = runs[name].model
+        assert model.nplugin == 0
+        np.testing.assert_array_equal(model.body_mass, soft.body_mass)
+        np.testing.assert_array_equal(model.M_rownnz, soft.M_rownnz)
+        assert model.opt.timestep == soft.opt.timestep == bench.TIMESTEP
+        assert model.opt.jacobian == soft.opt.jacobian
+
+
+def test_the_soft_body_touches_and_its_floor_as_often(runs: dict[str, bench.Run]) -> None:
+    soft = runs[bench.SOFT]
+    contacts, _ = soft.contacts(STEPS)
+    assert contacts > 4
+    touched = {soft.model.geom(geom).name for contact in soft.data.contact for geom in contact.geom}
+    assert {"box", "floor"} <= touched
+    assert runs[bench.SPHERES].contacts(STEPS)[0] == pytest.approx(contacts, abs=0.5)
+    assert runs[bench.AIR].contacts(STEPS)[0] == runs[bench.BODIES].contacts(STEPS)[0] == 0
+
+
+def test_each_round_makes_the_same_steps(runs: dict[str, bench.Run]) -> None:
+    run = runs[bench.SOFT]
+    ends = []
+    for _ in range(2):
+        assert run.step(STEPS) > 0
+        ends.append((run.data.time, *run.data.qpos))
+    assert ends[0] == ends[1]
+    assert run.data.time == pytest.approx((bench.FALL + STEPS) * bench.TIMESTEP)
+
+
+def test_shares_of_a_step_add_up(runs: dict[str, bench.Run]) -> None:
+    shares = bench.profile(runs[bench.SOFT], STEPS)
+    assert tuple(shares) == bench.PARTS
+    assert all(share > 0 for share in shares.values())
+    assert sum(shares.values()) == pytest.approx(1)
+
+
+def test_main_prints_tables_and_writes_every_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench, "PAPER", {(3, 10): (3, 500)})
+    for name, value in (("BUILDS", 1), ("ROUNDS", 1), ("STEPS", 20)):
+        monkeypatch.setattr(bench, name, value)
+    bench.main()
+    printed = capsys.readouterr().out
+    assert "67021 voxels" in printed
+    assert "3 frames, 10 samples, 36 degrees of freedom" in printed
+    assert "\x1b" not in printed
+    with (tmp_path / bench.OUTPUT).open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["table"] for row in rows} == {
+        "machine", "build", "step", "contacts", "iterations", "share", "paper",
+    }  # fmt: skip
+    assert all(float(row["value"]) > 0 for row in rows if row["table"] in ("build", "step", "share", "paper"))
+    steps = [row["row"] for row in rows if row["table"] == "step"]
+    assert steps == [bench.SOFT, bench.AIR, bench.SPHERES, bench.BODIES]

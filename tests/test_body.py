@@ -1,0 +1,107 @@
+"""The build as a whole: stages in order, what they add up to, one sentence for a mistake."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pytest
+from scenes import beam, lump
+from scipy import sparse
+from shapes import BONE, SOFT, mixed
+
+from mjframes.body import SoftBody, build
+from mjframes.errors import MjframesError
+from mjframes.volume import Volume
+
+
+def leaves(value: object) -> list[np.ndarray]:
+    """All arrays and numbers of nested dataclasses and tuples, in order."""
+    if is_dataclass(value):
+        return [leaf for field in fields(value) for leaf in leaves(getattr(value, field.name))]
+    if isinstance(value, (tuple, list)):
+        return [leaf for part in value for leaf in leaves(part)]
+    if isinstance(value, dict):
+        return [leaf for pair in value.items() for leaf in leaves(pair)]
+    if isinstance(value, sparse.csr_array):
+        return [value.toarray()]
+    return [np.asarray(value)]
+
+
+def test_stages_are_reported_in_order() -> None:
+    stages: list[str] = []
+    build(mixed(), 2, 3, progress=stages.append)
+    assert [stage.split()[-1] for stage in stages] == [
+        "voxels", "frames", "weights", "regions", "stiffness", "surfaces",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("make", [lump, beam])
+def test_masses_add_up_to_the_volumes(make) -> None:
+    body: SoftBody = make()
+    assert body.control.mass.min() > 0
+    # of the lump: labels and densities of tests/shapes.py
+    if make is lump:
+        volume = mixed()
+        voxel = np.prod(volume.spacing)
+        expected = sum((volume.labels == label).sum() * m.density * voxel for label, m in volume.materials.items())
+        assert body.control.mass.sum() == pytest.approx(expected)
+        assert body.voxels == np.count_nonzero(volume.labels)
+
+
+@pytest.mark.parametrize("make", [lump, beam])
+def test_surfaces_hang_on_the_control_points(make) -> None:
+    body: SoftBody = make()
+    for weights, points in ((body.skin.weights, body.skin.vertices), (body.contact.weights, body.contact.centers)):
+        np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
+        np.testing.assert_allclose(weights @ body.control.rest, points, atol=1e-12)
+
+
+def test_frames_are_numbered_parents_first() -> None:
+    for body in (lump(), beam()):
+        assert body.parent[0] == -1
+        assert np.all(body.parent[1:] < np.arange(1, len(body.parent)))
+        assert np.all(body.parent[1:] >= 0)
+
+
+def test_contact_spheres_are_sorted_by_patch_and_cluster() -> None:
+    contact = lump().contact
+    key = contact.patch * 100 + contact.cluster
+    assert np.all(np.diff(key) >= 0)
+    # sorted together with their centres and weights: see test_surfaces_hang_on_the_control_points
+    assert contact.radius == pytest.approx(mixed().spacing.min() / 2)
+    assert build(mixed(), 2, 3, contact_radius=0.003).contact.radius == 0.003
+
+
+def test_the_same_build_gives_the_same_bits() -> None:
+    first, second = (leaves(build(mixed(), 3, 5, seed=4)) for _ in range(2))
+    assert len(first) == len(second)
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_frames_can_be_placed() -> None:
+    at = mixed().origin + mixed().axes @ ([3.5, 3.5, 2.5] * mixed().spacing)
+    assert len(build(mixed(), at=[at], samples=1).parent) == 1
+
+
+@pytest.mark.parametrize("damping", [(-1, 0), (0, -0.1), (np.nan, 0), (0, np.inf), (1,), (1, 2, 3), 3, ("much", 0)])
+def test_damping_has_to_be_two_rates(damping) -> None:
+    with pytest.raises(MjframesError, match=r"^damping is .* two rates"):
+        build(mixed(), 2, 3, damping=damping)
+
+
+def test_damping_is_kept() -> None:
+    assert build(mixed(), 2, 3, damping=(2, 0.5)).damping == (2.0, 0.5)
+
+
+def test_a_volume_in_two_pieces_is_refused() -> None:
+    labels = np.ones((9, 3, 3), int)
+    labels[4] = 0
+    with pytest.raises(MjframesError, match="pieces"):
+        build(Volume.from_labels(labels, 0.01, {1: SOFT}), 2)
+
+
+def test_a_rigid_body_needs_one_frame() -> None:
+    body = build(Volume.from_labels(np.ones((3, 3, 3), int), 0.01, {1: BONE}), 1)
+    assert len(body.control.mass) == 4

@@ -1,0 +1,255 @@
+"""Contacts of patches: where they are, and that their rows are the velocity of the material point that touches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import beam, compiled, dense_constraints, dense_inertia, distorted, lump, move_points
+from scipy.optimize import brentq
+
+from mjframes.mjcf import decode
+from mjframes.view import Soft, soft
+
+# A soft body on an arm comes down on the obstacle.
+SCENE = """
+<mujoco>
+  <compiler angle="degree"/>
+  <option gravity="0 0 0" cone="{cone}" jacobian="{jacobian}"/>
+  {extension}
+  <worldbody>
+    <body name="arm"><joint axis="0 1 1" pos="0 0 .5"/><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body>
+    <body name="obstacle" euler="20 50 10">
+      {joint}<inertial pos="0 0 0" mass="1" diaginertia=".01 .01 .01"/>
+      <geom name="obstacle" friction=".7 .02 .01" {geom}/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+TORUS = """
+  <extension>
+    <plugin plugin="mujoco.sdf.torus">
+      <instance name="ring"><config key="radius1" value="0.06"/><config key="radius2" value="0.03"/></instance>
+    </plugin>
+  </extension>
+  <asset><mesh name="ring"><plugin instance="ring"/></mesh></asset>
+"""
+
+
+def outside(excess: np.ndarray) -> np.ndarray:
+    """Distance from the excess over each bound, negative inside."""
+    return np.linalg.norm(np.maximum(excess, 0), axis=-1) + np.minimum(excess.max(axis=-1), 0)
+
+
+def ellipsoid(p: np.ndarray) -> np.ndarray:
+    radius = np.array([0.05, 0.08, 0.03])
+
+    def distance(q: np.ndarray) -> float:
+        def excess(t: float) -> float:
+            return ((radius * q / (radius**2 + t)) ** 2).sum() - 1
+
+        low = max(radius * np.abs(q) - radius**2)
+        t: float = brentq(excess, low + 1e-12, 1.0, xtol=1e-16)  # pyright: ignore[reportAssignmentType]
+        return float(np.sign(t) * np.linalg.norm(q - radius**2 * q / (radius**2 + t)))
+
+    return np.array([distance(q) for q in p.reshape(-1, 3)]).reshape(p.shape[:-1])
+
+
+class Obstacle(NamedTuple):
+    """geom: its attributes.  distance: signed, of points (…, 3) in the geom's axes [m]."""
+
+    geom: str
+    distance: Callable[[np.ndarray], np.ndarray]
+    extension: str = ""
+    joint: str = "<freejoint/>"
+
+
+OBSTACLES = {
+    "plane": Obstacle('type="plane" size="1 1 1"', lambda p: p[..., 2], joint=""),
+    "sphere": Obstacle('size=".05" condim="1"', lambda p: np.linalg.norm(p, axis=-1) - 0.05),
+    "capsule": Obstacle(
+        'type="capsule" size=".03 .06"',
+        lambda p: np.linalg.norm(p - np.clip(p, [0, 0, -0.06], [0, 0, 0.06]), axis=-1) - 0.03,
+    ),
+    "ellipsoid": Obstacle('type="ellipsoid" size=".05 .08 .03" condim="4"', ellipsoid),
+    "cylinder": Obstacle(
+        'type="cylinder" size=".05 .04" condim="6"',
+        lambda p: outside(np.stack([np.hypot(p[..., 0], p[..., 1]) - 0.05, np.abs(p[..., 2]) - 0.04], axis=-1)),
+    ),
+    "box": Obstacle('type="box" size=".05 .06 .03" margin=".004"', lambda p: outside(np.abs(p) - [0.05, 0.06, 0.03])),
+    "torus of another plugin": Obstacle(
+        'type="sdf" mesh="ring"><plugin instance="ring"/></geom><geom size=".001" contype="0" conaffinity="0"',
+        lambda p: np.hypot(np.hypot(p[..., 0], p[..., 1]) - 0.06, p[..., 2]) - 0.03,
+        TORUS,
+    ),
+}
+
+
+@pytest.fixture(params=OBSTACLES, ids=str)
+def obstacle(request: pytest.FixtureRequest) -> Obstacle:
+    return OBSTACLES[request.param]
+
+
+def touching(
+    obstacle: Obstacle, cone: str = "elliptic", jacobian: str = "dense", turn: float = 0.3
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A distorted beam that came down until at least three clusters touch; all moving; the arm at angle `turn`."""
+    xml = SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict())
+    model, data = compiled(xml, (beam(), (0, 0, 0), (1, 0, 0, 0)), parent="arm")
+    view = soft(model, data, "soft0")
+    rng = np.random.default_rng(0)
+    data.joint(int(model.body("arm").jntadr[0])).qpos[:] = turn
+    mujoco.mj_kinematics(model, data)
+    shape = distorted(view.rest - view.rest.mean(axis=0), rng, 0.1)
+    for height in np.arange(0.3, 0, -0.002):
+        move_points(model, data, view, shape + np.array([0, 0, height]))
+        mujoco.mj_forward(model, data)
+        if data.ncon >= 3:
+            break
+    data.qvel[:] = rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    assert data.ncon >= 3
+    # where both are signed distance fields the obstacle comes second, everywhere else the patch
+    second = {model.geom(c.geom[1]).name == "obstacle" for c in data.contact}
+    assert second == {bool(obstacle.extension)}
+    return model, data
+
+
+class Cluster(NamedTuple):
+    """geom: of its patch.  weights: W_j(s) (s, k) of its vertices."""
+
+    geom: int
+    weights: np.ndarray
+
+
+def clusters(model: mujoco.MjModel, view: Soft) -> list[Cluster]:
+    """All clusters of contact vertices of a soft body, read from the plugin's configuration."""
+    parts = {key: decode(view.configuration[f"patch_{key}"]) for key in ("size", "clusters", "cluster_size", "point")}
+    weight = decode(view.configuration["patch_weight"])
+    instance = model.body_plugin[view.bodies[0]]
+    found = []
+    for geom, size, count in zip(
+        np.flatnonzero(model.geom_plugin == instance), parts["size"], parts["clusters"], strict=True
+    ):
+        sizes, parts["cluster_size"] = np.split(parts["cluster_size"], [count])
+        points, parts["point"] = np.split(parts["point"], [size])
+        block, weight = np.split(weight, [size * sizes.sum()])
+        dense = np.zeros((sizes.sum(), len(view.bodies)))
+        dense[:, points] = block.reshape(size, -1).T
+        found += [Cluster(int(geom), some) for some in np.split(dense, np.cumsum(sizes)[:-1])]
+    assert weight.size == 0
+    return found
+
+
+class Touch(NamedTuple):
+    """Where a cluster touches. weight: Σ_s a_s W_j(s) (k,).  centre: of pressure [m].  distance: [m]."""
+
+    geom: int
+    weight: np.ndarray
+    centre: np.ndarray
+    normal: np.ndarray
+    distance: float
+
+
+def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> list[Touch]:
+    """What the plugin has to find, in its order: shares fall to zero one contact radius above the deepest vertex."""
+    view = soft(model, data, "soft0")
+    geom = model.geom("obstacle").id
+    axes, origin = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+    radius = float(view.configuration["contact_radius"])
+    found = []
+    for cluster in clusters(model, view):
+        local = (cluster.weights @ view.control_positions - origin) @ axes
+        gap = obstacle.distance(local) - radius
+        share = np.maximum(0, 1 - (gap - gap.min()) / radius) ** 2
+        share /= share.sum()
+        step = 1e-6 * np.eye(3)[:, None]
+        gradient = (obstacle.distance(local + step) - obstacle.distance(local - step)) / 2e-6
+        normal = axes @ gradient @ share
+        if share @ gap < model.geom_margin[geom]:
+            weight = share @ cluster.weights
+            centre = weight @ view.control_positions
+            found.append(Touch(cluster.geom, weight, centre, normal / np.linalg.norm(normal), float(share @ gap)))
+    return found
+
+
+def test_contacts_are_the_pressure_centres_of_the_clusters(obstacle: Obstacle) -> None:
+    model, data = touching(obstacle)
+    radius = float(soft(model, data, "soft0").configuration["contact_radius"])
+    expected = touches(model, data, obstacle)
+    assert len(expected) == data.ncon
+    for contact, touch in zip(data.contact, expected, strict=True):
+        sign = 1 if contact.geom[1] == touch.geom else -1  # MuJoCo's normals point from the first geom to the second
+        assert touch.geom in contact.geom
+        assert contact.dist == pytest.approx(touch.distance, abs=1e-9)
+        np.testing.assert_allclose(sign * contact.frame[:3], touch.normal, atol=1e-6)
+        surface = touch.centre - (radius + touch.distance / 2) * touch.normal
+        np.testing.assert_allclose(contact.pos, surface, atol=1e-7)
+
+
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_rows_are_the_velocity_of_the_material_point(obstacle: Obstacle, cone: str, jacobian: str) -> None:
+    model, data = touching(obstacle, cone, jacobian)
+    rows = dense_constraints(model, data)
+    view = soft(model, data, "soft0")
+    expected = touches(model, data, obstacle)
+    position = data.qpos.copy()
+    for contact, touch in zip(data.contact, expected, strict=True):
+        slip, spin = relative_motion(model, data, contact, touch, view)
+        side = 1 if contact.geom[1] == touch.geom else -1
+        frame = contact.frame.reshape(3, 3)
+        normal, *others = np.concatenate([frame @ slip, frame @ spin])[: contact.dim] * side
+        if cone == "elliptic" or contact.dim == 1:
+            wanted = [normal, *others]
+        else:
+            edges = zip(contact.friction, others, strict=False)
+            wanted = [normal + sign * mu * other for mu, other in edges for sign in (1, -1)]
+        start = contact.efc_address
+        np.testing.assert_allclose(rows[start : start + len(wanted)], wanted, atol=1e-7)
+    np.testing.assert_array_equal(data.qpos, position)
+    np.testing.assert_allclose(data.efc_vel, rows @ data.qvel, atol=1e-12)
+
+
+def relative_motion(
+    model: mujoco.MjModel, data: mujoco.MjData, contact: mujoco._structs._MjContactList, touch: Touch, view: Soft
+) -> tuple[np.ndarray, np.ndarray]:
+    """∂/∂q̇ (3, nv) of the soft point's velocity relative to the obstacle's, and of the relative spin."""
+    obstacle, owner = model.body("obstacle").id, int(model.geom_bodyid[touch.geom])
+    arm = data.xmat[owner].reshape(3, 3).T @ (contact.pos - touch.centre)  # the sphere turns with its body
+    spot = data.xmat[obstacle].reshape(3, 3).T @ (contact.pos - data.xpos[obstacle])
+    moved, slip, step = mujoco.MjData(model), np.zeros((3, model.nv)), 1e-6
+    for dof, direction in enumerate(np.eye(model.nv)):
+        gap = []
+        for sign in (1, -1):
+            moved.qpos[:] = data.qpos
+            mujoco.mj_integratePos(model, moved.qpos, direction, sign * step)
+            mujoco.mj_kinematics(model, moved)
+            point = touch.weight @ moved.xpos[view.bodies] + moved.xmat[owner].reshape(3, 3) @ arm
+            gap.append(point - moved.xpos[obstacle] - moved.xmat[obstacle].reshape(3, 3) @ spot)
+        slip[:, dof] = (gap[0] - gap[1]) / (2 * step)
+    spins = np.zeros((2, 3, model.nv))
+    mujoco.mj_jacBody(model, data, None, spins[0], owner)
+    mujoco.mj_jacBody(model, data, None, spins[1], obstacle)
+    return slip, spins[0] - spins[1]
+
+
+def test_impedance_is_that_of_the_effective_inertia(obstacle: Obstacle) -> None:
+    model, data = touching(obstacle)
+    rows = dense_constraints(model, data)
+    inverse = np.linalg.inv(dense_inertia(model, data))
+    for contact in data.contact:
+        normal, impedance = rows[contact.efc_address], data.efc_KBIP[contact.efc_address, 2]
+        wanted = (1 - impedance) / impedance * normal @ inverse @ normal
+        assert data.efc_R[contact.efc_address] == pytest.approx(wanted, rel=1e-9)
+        assert data.efc_D[contact.efc_address] == pytest.approx(1 / wanted, rel=1e-9)
+
+
+def test_soft_bodies_pass_through_each_other() -> None:
+    weightless = "<mujoco><option gravity='0 0 0'/></mujoco>"
+    model, data = compiled(weightless, (beam(), (0, 0, 0), (1, 0, 0, 0)), (lump(), (-0.1, 0.1, -0.4), (1, 0, 0, 0)))
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0

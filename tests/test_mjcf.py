@@ -1,0 +1,275 @@
+"""Soft bodies as MJCF: names, saved scenes, contact left out, and what the plugin refuses to run."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import FLOOR, TILTED, beam, compiled, lump
+
+from mjframes.errors import MjframesError
+from mjframes.mjcf import ATTRIBUTES, attach, decode, encode
+from mjframes.plugin import NAME
+from mjframes.view import soft, soft_names
+
+PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
+
+
+def scene_of_two() -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    attach(spec.worldbody, beam(beta=0.001), "soft0", (0, 0, 0.1), PRINTABLE)
+    attach(spec.worldbody, lump(), "soft1", (0.3, 0, 0.1))  # differs in the last letter only
+    return spec
+
+
+@cache
+def saved_beam() -> str:
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    attach(spec.worldbody, beam(beta=0.001), "soft0", (0, 0, 0.1), PRINTABLE)
+    spec.compile()
+    return spec.to_xml()
+
+
+def arrays(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    fields = {name: getattr(model, name) for name in dir(model) if not name.startswith("_")}
+    return {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
+
+
+def test_a_saved_scene_is_the_same_model(tmp_path: Path) -> None:
+    spec = scene_of_two()
+    model = spec.compile()
+    path = tmp_path / "scene.xml"
+    path.write_text(spec.to_xml())
+    saved = mujoco.MjModel.from_xml_path(str(path))
+    original = arrays(model)
+    assert len(original) > 300
+    for name, values in arrays(saved).items():
+        if name.startswith("skin_"):  # only drawn
+            np.testing.assert_allclose(values, original[name], atol=1e-5, err_msg=name)
+        else:
+            np.testing.assert_array_equal(values, original[name], name)
+    assert saved.names == model.names
+
+
+def test_a_saved_scene_steps_to_the_same_bits() -> None:
+    spec = scene_of_two()
+    model = spec.compile()
+    saved = mujoco.MjModel.from_xml_string(spec.to_xml())
+    data, again = mujoco.MjData(model), mujoco.MjData(saved)
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        mujoco.mj_step(saved, again)
+    assert data.ncon > 10
+    np.testing.assert_array_equal(again.qpos, data.qpos)
+    np.testing.assert_array_equal(again.qvel, data.qvel)
+
+
+def test_a_saved_scene_can_be_attached_with_a_prefix() -> None:
+    outer = mujoco.MjSpec.from_string(FLOOR)
+    inner = mujoco.MjSpec.from_string(saved_beam())
+    place = outer.worldbody.add_frame(pos=[0, 0, 0.1], quat=PRINTABLE)  # MuJoCo leaves out the frame it was in
+    place.attach_body(inner.body("soft0"), "left_", "")
+    model = outer.compile()
+    attached = soft(model, mujoco.MjData(model), "left_soft0")
+    direct = soft(*compiled(FLOOR, (beam(beta=0.001), (0, 0, 0.1), PRINTABLE)), "soft0")
+    contacts = 0
+    for _ in range(150):
+        for view in (attached, direct):
+            mujoco.mj_step(view.model, view.data)
+            contacts += view.data.ncon
+    assert contacts > 10
+    np.testing.assert_array_equal(attached.control_positions, direct.control_positions)
+
+
+def test_everything_is_named_after_the_body() -> None:
+    spec = mujoco.MjSpec()
+    attach(spec.worldbody, lump(), "my_Soft-body.2")
+    model = spec.compile()
+    assert model.body(1).name == "my_Soft-body.2"
+    names = {name for name in model.names.decode().split("\0")[1:] if name} - {"world", "MuJoCo Model"}
+    assert all(name.startswith("my_Soft-body.2") for name in names)
+    assert not any("/" in name for name in names)
+    assert {"my_Soft-body.2_3", "my_Soft-body.2_3_y", "my_Soft-body.2_patch_0"} <= names
+    assert soft_names(model) == ["my_Soft-body.2"]
+
+
+@pytest.mark.parametrize("name", ["", "x", "a b", "arm/soft", "söft", "soft\n"], ids=repr)
+def test_bad_names_are_refused(name: str) -> None:
+    with pytest.raises(MjframesError, match=r"^name is .*; use two or more letters, digits"):
+        attach(mujoco.MjSpec().worldbody, lump(), name)
+
+
+def test_a_name_that_is_taken_is_refused() -> None:
+    spec = mujoco.MjSpec()
+    attach(spec.worldbody, lump(), "soft")
+    with pytest.raises(MjframesError, match=r"^soft: MuJoCo cannot attach the soft body .*repeated name"):
+        attach(spec.worldbody, lump(), "soft")
+
+
+@pytest.mark.parametrize(
+    ("pos", "quat"),
+    [((0, 0), TILTED), ((0, 0, np.nan), TILTED), ((0, 0, 0), (1, 0, 0)), ((0, 0, 0), (0, 0, 0, 0))],
+)
+def test_bad_places_are_refused(pos, quat) -> None:
+    with pytest.raises(MjframesError, match="give three metres and four quaternion components"):
+        attach(mujoco.MjSpec().worldbody, lump(), "soft", pos, quat)
+
+
+def test_the_volume_stands_where_it_was_put() -> None:
+    pos, quat = np.array([0.1, -0.2, 0.3]), np.array(TILTED) * 2
+    model, data = compiled("<mujoco/>", (lump(), tuple(pos), tuple(quat)))
+    mujoco.mj_forward(model, data)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, quat / np.linalg.norm(quat))
+    view = soft(model, data, "soft0")
+    expected = pos + lump().control.rest @ turn.reshape(3, 3).T
+    np.testing.assert_allclose(view.control_positions, expected, atol=1e-6)
+    np.testing.assert_array_equal(data.qpos, 0)
+    assert model.body_mass.sum() == pytest.approx(lump().control.mass.sum(), rel=1e-5)
+
+
+def test_without_contact_there_are_no_patches() -> None:
+    model, data = compiled(FLOOR, (lump(), (0, 0, -0.5), TILTED), contact=False)
+    assert [model.geom(i).name for i in range(model.ngeom)] == ["floor"]
+    assert model.nmesh == 0
+    assert not [key for key in soft(model, data, "soft0").configuration if key.startswith(("patch_", "contact_"))]
+    mujoco.mj_step(model, data)
+    assert data.ncon == 0
+
+
+def test_skins_move_with_the_control_points() -> None:
+    model, data = compiled("<mujoco/>", (lump(), (0.1, 0, 0), TILTED))
+    assert model.nskin == len(lump().materials)
+    data.qpos[:] = 0.01 * np.random.default_rng(0).normal(size=model.nq)
+    mujoco.mj_forward(model, data)
+    scene = mujoco.MjvScene(model, 100)
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene)
+    x = soft(model, data, "soft0").control_positions
+    body = lump()
+    for skin in range(model.nskin):
+        label = np.unique(body.skin.label)[skin]
+        used = np.unique(body.skin.faces[body.skin.label == label])
+        start, count = model.skin_vertadr[skin], model.skin_vertnum[skin]
+        drawn = scene.skinvert.reshape(-1, 3)[start : start + count]
+        np.testing.assert_allclose(drawn, body.skin.weights[used] @ x, atol=2e-5)
+        np.testing.assert_allclose(model.skin_rgba[skin], body.materials[int(label)].rgba, atol=1e-6)
+
+
+@pytest.mark.parametrize("values", [np.array([0.1, -1e300, np.pi]), np.array([7, -1, 2**31 - 1]), np.zeros(0)])
+def test_arrays_are_decoded_to_the_bit(values: np.ndarray) -> None:
+    np.testing.assert_array_equal(decode(encode(values)), values)
+
+
+class PluginHead(ctypes.Structure):
+    """The first members of MuJoCo's mjpPlugin."""
+
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("nattribute", ctypes.c_int),
+        ("attributes", ctypes.POINTER(ctypes.c_char_p)),
+    )
+
+
+def test_attributes_are_the_plugins_in_its_order() -> None:
+    package = Path(mujoco.HEADERS_DIR).parent.parent
+    library = ctypes.CDLL(str(package / f"libmujoco.so.{mujoco.mj_versionString()}"))
+    library.mjp_getPlugin.restype = ctypes.POINTER(PluginHead)
+    head = library.mjp_getPlugin(NAME.encode(), ctypes.byref(ctypes.c_int())).contents
+    assert tuple(head.attributes[i].decode() for i in range(head.nattribute)) == ATTRIBUTES
+
+
+@pytest.fixture
+def warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """What MuJoCo warns of, instead of writing it to MUJOCO_LOG.TXT."""
+    monkeypatch.chdir(tmp_path)
+    messages: list[str] = []
+    mujoco.set_mju_user_warning(messages.append)
+    yield messages
+    mujoco.set_mju_user_warning(None)
+
+
+FORBIDDEN = {
+    "RK4": ("integrator", mujoco.mjtIntegrator.mjINT_RK4),
+    "PGS": ("solver", mujoco.mjtSolver.mjSOL_PGS),
+    "noslip": ("noslip_iterations", 1),
+}
+
+
+@pytest.mark.parametrize("option", FORBIDDEN)
+def test_options_that_cannot_work_are_refused(option: str, warnings: list[str]) -> None:
+    model, _ = compiled(FLOOR, (beam(), (0, 0, 1), TILTED))
+    key, value = FORBIDDEN[option]
+    setattr(model.opt, key, value)
+    with pytest.raises(mujoco.FatalError, match="init failed"):
+        mujoco.MjData(model)
+    (sentence,) = warnings
+    assert re.match(rf"mjframes: soft body 'soft0': .*{option} .*: (use|set) .*\.$", sentence)
+
+
+def test_the_discrete_integrator_allows_pgs_and_noslip() -> None:
+    model, _ = compiled(FLOOR, (beam(), (0, 0, 1), TILTED))
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    model.opt.solver, model.opt.noslip_iterations = mujoco.mjtSolver.mjSOL_PGS, 3
+    mujoco.mj_step(model, mujoco.MjData(model))
+
+
+def edited(key: str, pattern: str, replacement: str) -> str:
+    """The saved scene with another value of a configuration key of soft0, the first in it."""
+    return re.sub(rf'(key="{key}" value=")({pattern})', rf"\g<1>{replacement}", saved_beam(), count=1)
+
+
+DAMAGED = {
+    "another version": ("version", "1", "99", "its data has version '99', this plugin reads version 1"),
+    "another law": ("law", "corotational", "neo_hookean", "law has to be 'corotational'"),
+    "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
+    "no number": ("beta", "0.001", "much", "beta is 'much' but has to be a number ≥ 0"),
+    "infinite damping": ("beta", "0.001", "inf", "beta is 'inf' but has to be a number ≥ 0"),
+    "truncated": ("region_stiffness", r"(f64:\d+:.{400})[^\"]*", r"\g<3>", "region_stiffness is truncated or damaged"),
+    "other letters": ("region_gradient", r"(f64:\d+:.{40}).", r"\g<3>*", "region_gradient is truncated or damaged"),
+    "empty": ("point_rest", r"[^\"]*", "", "point_rest is not an array of type f64"),
+    "other type": ("region_point", "i32", "f64", "region_point is not an array of type i32"),
+    "no count": ("patch_weight", r"f64:\d+", "f64:many", "patch_weight has no valid element count"),
+    "huge count": ("patch_weight", r"f64:\d+", "f64:99999999999999", "patch_weight is truncated or damaged"),
+    "negative count": ("patch_weight", r"f64:\d+", "f64:-1", "patch_weight has no valid element count"),
+    "fewer points": ("point_rest", r"[^\"]*", encode(np.zeros(6)), "it has more bodies than control points"),
+    "more points": ("point_rest", r"[^\"]*", encode(np.zeros(600)), "its bodies do not match its control points"),
+    "points out of range": ("region_point", r"[^\"]*", encode(np.full(88, 99)), "not on one path of the tree"),
+    "negative points": ("region_point", r"[^\"]*", encode(np.full(88, -1)), "not on one path of the tree"),
+    "unordered points": ("region_point", r"[^\"]*", encode(np.arange(88)[::-1] % 20), "not on one path of the tree"),
+    "negative region": ("region_size", r"[^\"]*", encode([-4]), "its region arrays do not match each other"),
+    "large region": ("region_size", r"[^\"]*", encode([2**30]), "its region arrays do not match each other"),
+    "no regions": ("region_size", r"[^\"]*", encode(np.zeros(0, int)), "it has no regions"),
+    "fewer patches": ("patch_size", r"[^\"]*", encode([4]), "its patch geoms do not match its patches"),
+    "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 22), "its patch arrays do not match each other"),
+    "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 88), "a cluster of a patch has no valid size"),
+    "patch points": ("patch_point", r"[^\"]*", encode([99] * 172), "not on the body of its deepest control point"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_damaged_data_is_refused_by_a_sentence(damage: str, warnings: list[str]) -> None:
+    *edit, sentence = DAMAGED[damage]
+    xml = edited(*edit)
+    assert xml != saved_beam()
+    with pytest.raises(ValueError, match="init failed") as refusal:
+        mujoco.MjModel.from_xml_string(xml)
+    # MuJoCo hands on the warning in its error
+    assert re.search(rf"^mjframes: soft body 'soft0': (.* )?{re.escape(sentence)}.*\.$", str(refusal.value), re.M)
+
+
+def test_a_part_of_a_soft_body_is_refused(warnings: list[str]) -> None:
+    xml = saved_beam().replace('<plugin instance="soft0"/>', "", 1)
+    with pytest.raises(ValueError, match="its bodies do not match its control points: attach or copy"):
+        mujoco.MjModel.from_xml_string(xml)
+
+
+def test_other_joints_are_refused(warnings: list[str]) -> None:
+    xml = saved_beam().replace('type="slide" axis="0 1 0"', 'type="hinge" axis="0 1 0"', 1)
+    with pytest.raises(ValueError, match="each of its bodies has to have three slide joints along x, y, z"):
+        mujoco.MjModel.from_xml_string(xml)

@@ -1,0 +1,113 @@
+"""The plugin under the address and undefined-behaviour sanitizers, on the steak, in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import pytest
+from scenes import beam, lump
+
+from mjframes import plugin
+from mjframes.body import build
+from mjframes.mjcf import attach
+from mjframes.volume import Volume
+
+SOURCES = Path(__file__).parent.parent / "plugin"
+SCENE = """
+<mujoco>
+  <option cone="elliptic"/>
+  <worldbody>
+    <geom type="plane" size="1 1 .1"/>
+    <geom type="cylinder" size=".02 .1" pos="0 0 .02" euler="90 0 0"/>
+    <body pos="0 0 .08"><freejoint/><geom type="ellipsoid" size=".03 .02 .01"/></body>
+    <body pos=".05 0 .1"><freejoint/><geom type="box" size=".02 .02 .01"/></body>
+  </worldbody>
+</mujoco>
+"""
+SIMULATION = """
+import sys
+import mujoco
+mujoco.mj_loadPluginLibrary({library!r})
+model = mujoco.MjModel.from_xml_path({scene!r})
+for jacobian in (mujoco.mjtJacobian.mjJAC_DENSE, mujoco.mjtJacobian.mjJAC_SPARSE):
+    model.opt.jacobian = jacobian
+    data = mujoco.MjData(model)
+    contacts = 0
+    for _ in range(30):
+        mujoco.mj_step(model, data)
+        contacts += data.ncon
+    print(contacts)
+for broken in ("version", "region_stiffness", "patch_weight", "region_point"):
+    text = open({scene!r}).read()
+    start = text.index('"', text.index('key="' + broken + '"') + len(broken) + 6) + 1
+    try:
+        mujoco.MjModel.from_xml_string(text[:start] + "f64:9" + text[start + 7:])
+        sys.exit("a damaged scene was taken: " + broken)
+    except ValueError:
+        pass
+del data
+print("done")
+"""
+
+
+def runtime(compiler: list[str], name: str) -> Path | None:
+    """The shared library that goes before all others into the process."""
+    printed = subprocess.run([*compiler, f"-print-file-name={name}"], capture_output=True, text=True, check=False)
+    path = Path(printed.stdout.strip())
+    return path.resolve() if path.is_absolute() and path.exists() else None
+
+
+@pytest.fixture(scope="module")
+def library() -> Path:
+    """The plugin with sanitizers, made once for these sources."""
+    cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    if cmake is None:
+        pytest.skip("no cmake to build the plugin with sanitizers")
+    name = plugin.library_name(SOURCES)
+    build_directory = plugin.cache_directory() / f"sanitized-{Path(name).stem}"
+    made = build_directory / name
+    if not made.is_file():
+        options = ["-DMJFRAMES_SANITIZE=address,undefined", f"-DPython_EXECUTABLE={sys.executable}"]
+        for command in (
+            [cmake, "-S", str(SOURCES), "-B", str(build_directory), "-G", "Unix Makefiles", *options],
+            [cmake, "--build", str(build_directory), "--parallel", "2"],
+        ):
+            subprocess.run(command, check=True, capture_output=True)
+    return made
+
+
+def test_a_steak_among_things_leaves_the_sanitizers_silent(library: Path, tmp_path: Path) -> None:
+    preloaded = [runtime(plugin.find_compiler(), name) for name in ("libasan.so", "libstdc++.so")]
+    if None in preloaded:
+        pytest.skip("the compiler has no libasan.so; it comes with g++")
+    spec = mujoco.MjSpec.from_string(SCENE)
+    steak = Volume.from_labels(Path(__file__).parent.parent / "models" / "steak.npz")
+    attach(spec.worldbody, build(steak, 3, 10), "steak", (0, 0, 0.055))
+    attach(spec.worldbody, beam(), "beam", (0.2, 0.1, 0.0))
+    attach(spec.worldbody, lump(0.5, 0.001), "lump", (-0.4, 0.1, -0.3))
+    spec.compile()
+    scene = tmp_path / "scene.xml"
+    scene.write_text(spec.to_xml())
+
+    environment = {
+        **os.environ,
+        plugin.LIBRARY_VARIABLE: str(library),
+        "LD_PRELOAD": " ".join(map(str, preloaded)),
+        "ASAN_OPTIONS": "detect_leaks=0:detect_stack_use_after_return=1",
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+    }
+    code = SIMULATION.format(scene=str(scene), library=str(library))
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stderr[-4000:]
+    assert "runtime error" not in done.stderr
+    assert "AddressSanitizer" not in done.stderr
+    *contacts, last = done.stdout.split()
+    assert last == "done"
+    assert min(map(int, contacts)) > 200
