@@ -109,7 +109,7 @@ def test_multigrid_agrees_with_factorization():
     near = [(u, v) for u, v in zip(grid.lookup[:-1].ravel(), grid.lookup[1:].ravel(), strict=True)]
     near += [(u, v) for u, v in zip(grid.lookup[:, :-1].ravel(), grid.lookup[:, 1:].ravel(), strict=True)]
     first, second = np.array(near).T
-    value = 10 ** rng.uniform(-3, 3, len(first))
+    value = 10 ** rng.uniform(-2, 2, len(first))
     n = len(grid.index)
     link = sparse.coo_array((value, (first, second)), shape=(n, n)).tocsr()
     link = link + link.T
