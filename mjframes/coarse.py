@@ -18,8 +18,10 @@ from mjframes.grid import Grid, root_of
 
 
 class ClusterGraph(NamedTuple):
-    """c clusters of n voxels. cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  index: (c, 3) mean voxel index.
-    compliance: (c,) [1/Pa].  start: (c + 1,), neighbour, cost: the edges of cluster a are start[a]:start[a + 1], [m/Pa].
+    """c clusters of n voxels.
+
+    cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  index: (c, 3) mean voxel index.  compliance: (c,) [1/Pa].
+    start: (c + 1,), neighbour, cost: the edges of cluster a are start[a]:start[a + 1], in [m/Pa].
     """
 
     cluster: NDArray[np.int32]

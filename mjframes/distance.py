@@ -35,8 +35,8 @@ class VoxelGraph(NamedTuple):
     node: (n,) int32 the voxel that stands for each: the first of its rigid piece, else itself.
     offset: (26,) int64, from a cell to its neighbours.  material: (n,) unsigned.
     cost: (m, 26, m) [m/Pa] of an edge by the material it leaves, its direction and the material it enters.
-    piece: (n,) int32, −1 where soft.  start: (pieces + 1,) where each one's cells begin in `shell`: those next to soft ones.
-    width: of a bucket [m/Pa].  slots: how many make the ring, a power of two.  ordered: whether edges fit into a bucket.
+    piece: (n,) int32, −1 where soft.  shell: the cells of the pieces next to soft ones, from start[piece] on.
+    width: of a bucket [m/Pa].  slots: how many make the ring, a power of two.  ordered: if edges may be narrower.
     """
 
     lookup: NDArray[np.int32]
@@ -199,18 +199,16 @@ def sweep(graph, zone, bound, cut, distance, rank, visited, count):
                     old = distance[v]
                     if old <= du:
                         continue
-                    if zone is not None:
-                        if zone[v] != zone[u]:
-                            continue
+                    if zone is not None and zone[v] != zone[u]:
+                        continue
                     d = du + costs[k, graph.material[v]]
                     if d > old:
                         continue
                     if d == old:
                         rank[v] = min(rank[v], ru)
                         continue
-                    if bound is not None:
-                        if d >= bound[v]:
-                            continue
+                    if bound is not None and d >= bound[v]:
+                        continue
                     distance[v] = d
                     rank[v] = ru
                     target = np.int64(d * scale)

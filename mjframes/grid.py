@@ -17,8 +17,6 @@ from mjframes.constants import RIGID_RATIO
 from mjframes.material import Material
 from mjframes.volume import Volume
 
-CHUNK = 1 << 16  # [voxels] of which sums are taken at a time, without an array of n rows
-
 
 @dataclass(frozen=True, eq=False)
 class Grid:
@@ -47,7 +45,7 @@ class Grid:
         """(nx, ny, nz) a view: the voxel's number, or −1 outside."""
         return self.padded[1:-1, 1:-1, 1:-1]
 
-    def points(self, voxels: ArrayLike | slice) -> NDArray[np.float64]:
+    def points(self, voxels: NDArray[np.integer] | slice) -> NDArray[np.float64]:
         """(v, 3) the centres of some voxels in volume coordinates [m]."""
         return self.origin + (self.index[voxels] + 0.5) * self.spacing @ self.axes.T
 

@@ -1,8 +1,9 @@
 """Harmonic weights: div(E ∇w_i) = 0 with w_i = 1 on frame i's core and 0 on the others', natural boundary elsewhere.
 
 A potential counts all load paths from frame to frame, not only the stiffest one, as the compliance distance does (the
-limit that the paper names in §4.2). Finite volumes on the voxels: the face between u and v conducts A / (h (c_u + c_v) / 2),
-the harmonic mean of the moduli, so that a bar gets equation (5) exactly. A rigid piece is one unknown.
+limit that the paper names in §4.2). Finite volumes on the voxels: the face between u and v conducts
+A / (h (c_u + c_v) / 2), by the harmonic mean of the moduli, so that a bar gets equation (5) exactly. A rigid piece is
+one unknown.
 
 In two and three dimensions a potential does not see a single voxel: its value there reaches no farther than a few
 voxels. So such a seed grows to a core, all that is near it compared with the frontier of its Voronoi cell.
@@ -11,6 +12,7 @@ voxels. So such a seed grows to a core, all that is near it compared with the fr
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -25,7 +27,7 @@ from mjframes.grid import Grid
 from mjframes.partition import Kernel, partition_of_unity
 from mjframes.placement import Placement
 
-CORE = 0.25  # [-] of the way from a frame to the nearest frontier of its cell: a rigid-looking core costs accuracy too
+CORE = 0.25  # [-] of the way from a frame to the nearest frontier of its cell: enough to be seen, small beside the cell
 DIRECT = 20_000  # [unknowns] up to which a factorization is faster than multigrid
 TOLERANCE = 1e-9  # [-] of the residual: errors of weights stay far below those that are negligible
 ITERATIONS = 300  # multigrid needs 8 to 20, also at contrasts of 1e6
@@ -122,7 +124,7 @@ def _system(
     return sparse.csr_array(matrix), sparse.csc_array(rows @ of_core)
 
 
-def _solver(matrix: sparse.csr_array):
+def _solver(matrix: sparse.csr_array) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """A function that solves matrix · x = b; the same to the last bit each time."""
     size = len(matrix.indptr) - 1
     if size == 0:

@@ -26,7 +26,7 @@ CLUSTERS = 8000  # at most about that many, and at least …
 CLUSTERS_A_FRAME = 50  # … that many for each frame
 SNAP_VOXELS = 2  # [voxels] a position on the surface may fall just outside; farther off is a mistake
 
-Seeds = list[NDArray[np.int64]]
+Seeds = list[NDArray[np.integer]]
 Nearest = tuple[NDArray[np.float64], NDArray[np.int32]]  # distance to the nearest seed, and its label
 
 
@@ -35,7 +35,7 @@ class Placement:
     """f frames. seeds: the voxels of each frame's core, where its weight is 1.  centers: (f, 3) their centroids [m]."""
 
     centers: NDArray[np.float64]
-    seeds: tuple[NDArray[np.int64], ...]
+    seeds: tuple[NDArray[np.integer], ...]
 
 
 def place_frames(

@@ -180,10 +180,10 @@ def _number_sets(indptr, indices, label):
 def _same(indices, low, high, other_low, other_high):
     if high - low != other_high - other_low:
         return False
-    for k in range(high - low):
-        if indices[low + k] != indices[other_low + k]:
-            return False
-    return True
+    k = low
+    while k < high and indices[k] == indices[other_low + k - low]:
+        k += 1
+    return k == high
 
 
 @njit(cache=True, nogil=True)

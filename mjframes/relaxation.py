@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 BLOCK = 1024  # [voxels] of one matrix product: its gradients fit the cache
 SHARE = 1 << 14  # [voxels] that one thread sums up at a time
-THIN = 4  # [voxels] mean thickness from which on bending is right to 1/THIN² with one point a voxel
+THIN = 6  # [voxels] mean thickness from which on bending is right to 1/THIN² with one point a voxel
 FLAT = 1e-9  # [-] relative second moment below which a piece has no extent in a direction
 GAUSS = 0.5 / 3**0.5  # [voxels] from the centre to Gauss's two points
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float64)
@@ -70,7 +70,11 @@ def relaxed_regions(
 
     voxels, frames: of each region; weights (n, f).
     """
-    pieces = _pieces(grid, weights, voxels, frames)
+    label = np.full(len(grid.index), -1, np.int32)
+    for e, some in enumerate(voxels):
+        label[some] = e
+    component = _components(grid.index, grid.padded, label)
+    pieces = _pieces(grid, weights, voxels, frames, component)
     shares = [
         (k, some[start : start + SHARE])
         for k, piece in enumerate(pieces)
@@ -80,7 +84,7 @@ def relaxed_regions(
 
     def add_up(share: tuple[int, NDArray[np.int64]]) -> Products:
         piece = pieces[share[0]]
-        return _products(grid, weights, control, frames[piece.region], piece, share[1])
+        return _products(grid, weights, control, frames[piece.region], piece, share[1], component)
 
     def condense(k: int) -> Array:
         piece = pieces[k]
@@ -111,6 +115,7 @@ def _products(
     frames: NDArray[np.int64],
     piece: Piece,
     rows: NDArray[np.int64],
+    component: NDArray[np.int32],
 ) -> Products:
     """Sums over some voxels, `rows` of the piece's, of one material."""
     m = len(points_of(control, frames)[0])
@@ -121,7 +126,8 @@ def _products(
         voxels = piece.voxels[some]
         centers = grid.points(voxels)
         if piece.fit is None:
-            middle, slope = weights_at(weights, voxels, frames), weight_gradients(grid, weights, voxels, frames)
+            middle = weights_at(weights, voxels, frames)
+            slope = weight_gradients(grid, weights, voxels, frames, component)
         else:
             middle = piece.fit[0] + (centers - piece.center) @ piece.fit[1:]
             slope = np.broadcast_to(piece.fit[1:].T, (len(some), len(frames), 3)).copy()
@@ -143,13 +149,13 @@ def _rows_of_one_material(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray
 
 
 def _pieces(
-    grid: Grid, weights: sparse.csr_array, voxels: list[NDArray[np.int32]], frames: list[NDArray[np.int64]]
+    grid: Grid,
+    weights: sparse.csr_array,
+    voxels: list[NDArray[np.int32]],
+    frames: list[NDArray[np.int64]],
+    component: NDArray[np.int32],
 ) -> list[Piece]:
-    """The pieces of all regions."""
-    label = np.full(len(grid.index), -1, np.int32)
-    for e, some in enumerate(voxels):
-        label[some] = e
-    component = _components(grid.index, grid.padded, label)
+    """The pieces of all regions; component: (n,) a number for each face-connected one."""
     split: list[tuple[int, NDArray[np.int32], bool]] = []
     for e, some in enumerate(voxels):
         ids = component[some]
@@ -204,8 +210,8 @@ def _piece(
     centers = grid.points(voxels)
     center = centers.mean(axis=0)
     length = float(np.abs(centers - center).max() + grid.spacing.max())
-    ends = _ends(grid.index, grid.padded, component, voxels)
-    thin = len(voxels) < THIN * ends
+    young = grid.per_material("young")
+    thin = _thickness(grid.index, grid.padded, component, grid.material, young, voxels) < THIN
     fit = None if work or not relaxes else _linear_fit(grid, weights, voxels, frames)[0]
     cells = _cells(grid, voxels, work, 3 * len(frames)) if work else None
     return Piece(region, relaxes, voxels, center, length, _offsets(thin), fit, cells)
@@ -251,12 +257,15 @@ def _components(index, padded, label):
 
 
 @njit(cache=True, nogil=True)
-def _ends(index, padded, component, voxels):
-    """(3,) how many rows of voxels along each axis make up a piece."""
-    count = np.zeros(3, np.int64)
+def _thickness(index, padded, component, material, young, voxels):
+    """(3,) mean number of voxels, weighted by E, in a row along each axis that E does not vary much in [voxels]."""
+    total, ends = 0.0, np.zeros(3)
     for v in voxels:
+        e = young[material[v]]
+        total += e
         for axis in range(3):
             x, y, z = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
             n = padded[x + (axis == 0), y + (axis == 1), z + (axis == 2)]
-            count[axis] += n < 0 or component[n] != component[v]
-    return count
+            if n < 0 or component[n] != component[v] or young[material[n]] * HOMOGENEOUS <= e:
+                ends[axis] += e
+    return total / ends

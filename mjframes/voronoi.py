@@ -4,12 +4,13 @@ Frame i's kernel is 1 at its seed and ½ on the frontier of its Voronoi cell. Th
 surface between that of value 2⁻ᵏ and the other frames' seeds; between two surfaces lies a band, which is halved by
 the Voronoi surface between them until n subdivisions have made every multiple of 2⁻ⁿ from 2⁻ⁿ to 1 a surface. With d_a,
 d_b the distances to the surfaces of values a > b around a voxel, w_i = (a d_b + b d_a) / (d_a + d_b). Beyond the last
-surface the kernel goes on as it fell on that path: w_i = 2⁻⁽ⁿ⁻¹⁾ (1 − d / 2D) ≥ 0, where d is the length of the path from
-the surface before the last and D that to the last. (For n = 2 that is (¼ d_½ − ½ d_¼) / (d_½ − d_¼); the paper's sign slips.)
+surface the kernel goes on as it fell on that path: w_i = 2⁻⁽ⁿ⁻¹⁾ (1 − d / 2D) ≥ 0, d being the length of the path from
+the surface before the last, D that up to the last. For n = 2 this is (¼ d_½ − ½ d_¼) / (d_½ − d_¼); the paper's signs
+are a slip.
 
-On an edge of cost c from u to v a Voronoi surface lies where both distances are equal: (d(u) + d(v) + c) / 2, within the
-edge. So a bar between two frames gets equation (5) exactly. A surface may cross an edge between two others; what is
-known of it is then the `link` to it: the rest of the edge.
+On an edge of cost c from u to v a Voronoi surface lies where both distances are equal, (d(u) + d(v) + c) / 2, within
+the edge. So a bar between two frames gets equation (5) exactly. A band may end on the edge on which it begins; so the
+`link` from a node to a surface, the part of the edge up to it, is kept.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ class Scratch(NamedTuple):
     """What one thread keeps for each of the n voxels between frames; the last five only where bands are halved.
 
     distance, rank, visited: of a sweep; distance is inf where unvisited.  zone: the band, 0 in none.
-    high, low: distance to the surfaces of the larger and of the smaller value [m/Pa]; their links; the link to the middle.
+    high, low: distance to the surfaces of the larger and of the smaller value [m/Pa]; link_…: links to them and to the
+    one in the middle [m/Pa], inf without.
     """
 
     distance: NDArray[np.float64]
@@ -51,6 +53,12 @@ class Scratch(NamedTuple):
 def voronoi_weights(grid: Grid, placement: Placement, subdivisions: int = 1) -> sparse.csr_array:
     """The frames' weights at the voxel centres, (n, f) with sorted indices."""
     graph = voxel_graph(grid)
+    kernels, node = _kernels(graph, placement, subdivisions), graph.node
+    del graph  # the memory is needed
+    return partition_of_unity(kernels, node)
+
+
+def _kernels(graph: VoxelGraph, placement: Placement, subdivisions: int) -> list[Kernel]:
     owner = np.repeat(np.arange(len(placement.seeds)), [len(s) for s in placement.seeds])
     nearest = nearest_sources(graph, np.concatenate(placement.seeds), owner)
     cells = _cells(nearest.label, len(placement.seeds))
@@ -66,10 +74,7 @@ def voronoi_weights(grid: Grid, placement: Placement, subdivisions: int = 1) -> 
         return result
 
     with ThreadPoolExecutor(threads) as pool:
-        kernels = list(pool.map(kernel, cells))
-    node = graph.node
-    del graph, nearest, cells, idle, kernel  # what comes needs the memory
-    return partition_of_unity(kernels, node)
+        return list(pool.map(kernel, cells))
 
 
 def _cells(label: NDArray[np.int32], frames: int) -> list[NDArray[np.int32]]:
@@ -114,13 +119,14 @@ def _kernel(graph, near, cell, subdivisions, s):
             s.high[u] = near[u]
             s.link_high[u] = np.inf  # seeds are nearer to themselves than to any other surface
     rejected, rejected_at = np.empty(0, np.int32), np.empty(0)
+    arrived, arrival = rejected, rejected_at
     for k in range(subdivisions):
         high = s.high if halves else near
-        top = 0.5**k
+        top = 0.5**k  # the value at its upper surface
         arrived, arrival = _front(graph, near, members, high, rejected, rejected_at, s)
         levels = subdivisions - 1 - k
         if halves:
-            for level in range(levels):
+            for _ in range(levels):
                 _halve(graph, members, base, s)
         band_values = np.empty(len(members), np.float32)
         step = top * 0.5 / (1 << levels)
@@ -139,7 +145,7 @@ def _kernel(graph, near, cell, subdivisions, s):
         base += 1 << levels
         if k < subdivisions - 1:
             members, rejected, rejected_at = _next_band(graph, near, arrived, arrival, base, s)
-    members, last_values = _extrapolate(graph, near, arrived, arrival, top, s)
+    members, last_values = _extrapolate(graph, near, arrived, arrival, 0.5 ** (subdivisions - 1), s)
     for u in found:
         s.zone[u] = 0
     return np.concatenate((found, members)), np.concatenate((values, last_values))
@@ -195,7 +201,7 @@ def _front(graph, near, members, high, rejected, rejected_at, s):
 
 @njit(cache=True, nogil=True)
 def _next_band(graph, near, arrived, arrival, base, s):
-    """The nodes of the band beyond; and those (r,) its upper surface has a link to that lie beyond it, with the links."""
+    """The nodes of the band beyond; and those (r,) beyond even that to which its upper surface has links, and these."""
     count, refused = 0, 0
     rejected, rejected_at = np.empty(len(arrived), np.int32), np.empty(len(arrived))
     for b in range(len(arrived)):

@@ -58,13 +58,19 @@ def weights_at(weights: sparse.csr_array, voxels: ArrayLike, frames: ArrayLike) 
 
 
 def weight_gradients(
-    grid: Grid, weights: sparse.csr_array, voxels: ArrayLike, frames: ArrayLike
+    grid: Grid,
+    weights: sparse.csr_array,
+    voxels: ArrayLike,
+    frames: ArrayLike,
+    within: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float64]:
     """Gradients (v, i, 3) [1/m] of some frames' weights at some voxel centres, in volume coordinates.
 
     Along an index axis with step h the slope towards a face neighbour n of u is ± (w_n − w_u)/h · 2 c_u/(c_u + c_n):
     the share of the step that falls to u's compliance c_u, exact for weights linear in compliance distance, 0 in rigid
     voxels. The derivative is the mean over the neighbours inside the volume, 0 without any.
+    within: (n,) labels; neighbours of another label than u's then count only where u has no other along that axis.
+    Weights have their kinks between the regions, so it gives the slope inside, not the mean of both sides.
     `frames` must hold all frames with weight at these voxels. A frame left out may still have weight at a neighbour;
     its slope is shared out by weight, so that Σ_i ∇w_i = 0 over `frames` (the gradient of w_i / Σ w).
     """
@@ -73,6 +79,7 @@ def weight_gradients(
     along = _slopes(
         weights.indptr, weights.indices, weights.data, ids, column, own,
         grid.index, grid.padded, grid.per_material("compliance"), grid.material, grid.spacing,
+        np.zeros(0, np.int32) if within is None else within,
     )  # fmt: skip
     return (along.reshape(-1, 3) @ grid.axes.T).reshape(along.shape)
 
@@ -97,7 +104,7 @@ def _gather(indptr, indices, data, voxels, column):
 
 
 @njit(cache=True, nogil=True)
-def _slopes(indptr, indices, data, voxels, column, own, index, padded, compliance, material, spacing):
+def _slopes(indptr, indices, data, voxels, column, own, index, padded, compliance, material, spacing, within):
     frames = own.shape[1]
     slope = np.zeros((len(voxels), frames, 3))
     along = np.empty(frames)
@@ -109,10 +116,15 @@ def _slopes(indptr, indices, data, voxels, column, own, index, padded, complianc
         x, y, z = index[u, 0] + 1, index[u, 1] + 1, index[u, 2] + 1
         for axis in range(3):
             along[:] = 0.0
+            alike = False  # whether u has a neighbour of its own label on this axis
+            if len(within):
+                for side in (-1, 1):
+                    n = padded[x + side * (axis == 0), y + side * (axis == 1), z + side * (axis == 2)]
+                    alike |= n >= 0 and within[n] == within[u]
             found, taken = 0, 0.0  # taken: Σ of the factors, which all own weights share
             for side in (-1, 1):
                 n = padded[x + side * (axis == 0), y + side * (axis == 1), z + side * (axis == 2)]
-                if n < 0:
+                if n < 0 or (alike and within[n] != within[u]):
                     continue
                 found += 1
                 factor = side / spacing[axis] * 2 * c / (c + compliance[material[n]])

@@ -50,15 +50,14 @@ def test_heat_balance_at_every_free_voxel(direct, monkeypatch: pytest.MonkeyPatc
 
 
 def test_all_load_paths_count():
-    """Two parallel paths between the frames, one twice as long: the potential in the middle of each is ½; a shortcut
-    from the long one to the first frame's side makes it feel that frame more, which the nearest path alone never shows."""
-    labels = np.ones((21, 9, 1), np.uint8)
-    labels[1:-1, 3:6] = 0
+    """A dead end hangs between two threads to frame 0 and one to frame 1, all equally long: twice the load there."""
+    labels = np.zeros((41, 5, 1), np.uint8)
+    labels[20:, 2] = labels[:20, [0, 4]] = labels[20, :] = 1
     grid = voxel_grid(Volume.from_labels(labels, 0.01, MATERIALS))
-    ends = [grid.lookup[0].ravel(), grid.lookup[20].ravel()]
-    ends = [e[e >= 0] for e in ends]
+    ends = [grid.lookup[0, [0, 4], 0], grid.lookup[[40], 2, 0]]
     weights = harmonic_weights(grid, place_frames(grid, 0, cores=ends)).toarray()
-    np.testing.assert_allclose(weights[grid.lookup[:, 0, 0], 0], 1 - np.arange(21) / 20, atol=1e-6)
+    # 22 steps from frame 0, two ways at once, and 20 to frame 1
+    np.testing.assert_allclose(weights[grid.lookup[20, 2, 0], 0], 20 / (20 + 11), atol=1e-6)
 
 
 def test_voxels_that_touch_at_edges_only_are_connected():
@@ -115,7 +114,7 @@ def test_multigrid_agrees_with_factorization():
     link = link + link.T
     matrix = sparse.csr_array(sparse.diags_array(link.sum(axis=1) + (np.arange(n) % 97 == 0)) - link)
     b = rng.standard_normal(n)
-    exact = spsolve(matrix.tocsc(), b)
+    exact = np.asarray(spsolve(matrix.tocsc(), b))
     harmonic_direct = harmonic.DIRECT
     try:
         harmonic.DIRECT = 0

@@ -5,9 +5,9 @@ import pytest
 from shapes import bar, block, mixed
 
 from mjframes.constants import NEGLIGIBLE_WEIGHT
+from mjframes.errors import MjframesError
 from mjframes.grid import Grid, voxel_grid
 from mjframes.placement import Placement, place_frames
-from mjframes.errors import MjframesError
 from mjframes.weights import frame_weights, voronoi_weights, weight_gradients, weights_at
 
 CASES = {
