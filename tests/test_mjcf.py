@@ -231,6 +231,7 @@ DAMAGED = {
     "no number": ("beta", "0.001", "much", "beta is 'much' but has to be a number ≥ 0"),
     "infinite damping": ("beta", "0.001", "inf", "beta is 'inf' but has to be a number ≥ 0"),
     "truncated": ("region_stiffness", r"(f64:\d+:.{400})[^\"]*", r"\g<3>", "region_stiffness is truncated or damaged"),
+    "lengthened": ("region_stiffness", r"(f64:\d+:)", r"\g<3>AAAA", "region_stiffness is truncated or damaged"),
     "other letters": ("region_gradient", r"(f64:\d+:.{40}).", r"\g<3>*", "region_gradient is truncated or damaged"),
     "empty": ("point_rest", r"[^\"]*", "", "point_rest is not an array of type f64"),
     "other type": ("region_point", "i32", "f64", "region_point is not an array of type i32"),
