@@ -50,6 +50,8 @@ def test_a_saved_scene_is_the_same_model(tmp_path: Path) -> None:
     original = arrays(model)
     assert len(original) > 300
     for name, values in arrays(saved).items():
+        if "oct" in name:  # of the patches' bounds, not used; MuJoCo does not save how deep it may be
+            continue
         if name.startswith("skin_"):  # only drawn
             np.testing.assert_allclose(values, original[name], atol=1e-5, err_msg=name)
         else:
