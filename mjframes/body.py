@@ -29,6 +29,9 @@ from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind, frame_weights
 
 
+RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
+
+
 @dataclass(frozen=True, eq=False)
 class Skin:
     """The visible surface, moved by the control points.
@@ -127,6 +130,11 @@ def build(
         alpha = beta = np.nan
     if not (np.isfinite([alpha, beta]).all() and min(alpha, beta) >= 0):
         raise MjframesError(f"damping is {damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
+    if contact_radius is not None and not 0 < contact_radius <= RADIUS_LIMIT * np.min(volume.spacing):
+        raise MjframesError(
+            f"contact_radius is {contact_radius!r}; it must be positive and at most {RADIUS_LIMIT:g} voxels, "
+            f"{RADIUS_LIMIT * np.min(volume.spacing):g} m."
+        )
     require_connected(volume)
     progress("listing the voxels")
     grid = voxel_grid(volume)

@@ -154,7 +154,7 @@ def _add_patches(
 ) -> None:
     half = _printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    spec.add_mesh(name=f"{name}_bounds", uservert=corners.ravel())
+    spec.add_mesh(name=f"{name}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its own distance is not used
     for number, spheres in enumerate(patches):
         geom = bodies[_patch_points(body, spheres)[-1]].add_geom(
             name=f"{name}_patch_{number}",

@@ -23,7 +23,7 @@ SPACING = 2.28e-3  # [m] what gives the paper's number of voxels
 MATERIALS = {
     FLESH: Material(young=1.2e4, poisson=0.45, density=1050, name="flesh", rgba=(0.62, 0.09, 0.11, 1.0)),
     BONE: Material.rigid(density=1900, name="bone", rgba=(0.93, 0.89, 0.77, 1.0)),
-    FAT: Material(young=5e3, poisson=0.45, density=920, name="fat", rgba=(0.96, 0.87, 0.70, 1.0)),
+    FAT: Material(young=1e4, poisson=0.45, density=920, name="fat", rgba=(0.96, 0.87, 0.70, 1.0)),
 }
 
 # All lengths below in centimetres. The outline runs clockwise from the left end of the cross bar.
@@ -38,17 +38,17 @@ CROSS_BAR = np.array([
     (3.2, 7.65, 0.75), (5.0, 7.35, 0.9), (6.2, 6.9, 1.25),
 ])  # fmt: skip
 SHAFT = np.array([
-    (-0.7, 7.2, 1.5), (-0.8, 5.6, 1.1), (-1.1, 3.8, 0.85), (-1.7, 1.9, 0.72), (-2.35, 0.1, 0.64), (-2.7, -1.5, 0.55),
-    (-2.75, -2.7, 0.58), (-2.55, -3.5, 0.85),
+    (-0.7, 7.2, 1.5), (-0.69, 5.6, 1.1), (-0.51, 3.8, 0.85), (-0.9, 1.9, 0.72), (-1.55, 0.1, 0.64), (-1.9, -1.5, 0.57),
+    (-1.95, -3.0, 0.55), (-1.7, -4.5, 0.55), (-1.3, -5.9, 0.58), (-0.95, -6.8, 0.85),
 ])  # fmt: skip
 # Below the tip of the shaft: a seam of fat to the edge, widening.
-SEAM = np.array([(-2.5, -4.0, 0.7), (-2.3, -5.2, 0.65), (-2.0, -6.4, 0.8), (-1.7, -7.4, 1.2)])
+SEAM = np.array([(-0.95, -7.0, 0.7), (-0.8, -7.8, 1.1), (-0.6, -8.4, 1.2)])
 # Fat that fills the corners between the cross bar and the muscles.
 CORNERS = np.array([[(0.4, 5.6, 0.75), (2.8, 6.6, 0.45)], [(-2.0, 5.5, 0.7), (-4.2, 6.5, 0.4)]])
 # x, y, thickness of the rim of fat at places on the edge: most at the tail of the strip loin, none at the tenderloin.
 RIM = np.array([
-    (7.0, 8.2, 0.6), (9.6, 7.0, 0.75), (12.5, 1.0, 0.7), (11.3, -4.6, 0.95), (8.0, -8.2, 1.3), (4.0, -9.8, 1.9),
-    (0.5, -10.0, 2.5), (-1.8, -8.0, 1.4), (-3.4, -5.6, 0.5), (-6.6, -5.1, 0.0), (-11.4, 1.0, -1.0), (-8.4, 7.0, -1.0),
+    (7.0, 8.2, 0.6), (9.6, 7.0, 0.75), (12.5, 1.0, 0.7), (11.3, -4.6, 0.95), (8.0, -8.2, 1.0), (4.0, -9.8, 1.1),
+    (0.5, -10.0, 1.2), (-1.8, -8.0, 0.9), (-3.4, -5.6, 0.5), (-6.6, -5.1, 0.0), (-11.4, 1.0, -1.0), (-8.4, 7.0, -1.0),
     (0.0, 8.4, -1.0),
 ])  # fmt: skip
 

@@ -210,6 +210,19 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
   return regions;
 }
 
+// Geoms that patches cannot meet are named once, when the data is made: falling through them must not be a riddle.
+void WarnOfGeomsWithoutDistance(const mjModel* m) {
+  for (int geom = 0; geom < m->ngeom; geom++) {
+    const bool collides = m->geom_contype[geom] || m->geom_conaffinity[geom];
+    const int type = m->geom_type[geom];
+    const bool mesh = type == mjGEOM_MESH && m->mesh_octadr[m->geom_dataid[geom]] < 0;
+    if (!collides || (!mesh && type != mjGEOM_HFIELD)) continue;
+    mju_warning("mjframes: geom '%s' is a %s and soft bodies pass through it%s.", m->names + m->name_geomadr[geom],
+                mesh ? "mesh" : "height field", mesh ? ": give it type=\"sdf\"" : "");
+    return;
+  }
+}
+
 std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points,
                                Reader* reader) {
   std::vector<Patch> patches;
@@ -286,7 +299,10 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok()) body->points_ = FindPoints(m, instance, &reader);
   if (reader.ok()) body->regions_ = ReadRegions(body->points_, &reader);
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->points_, &reader);
-  if (reader.ok() && !body->patches_.empty()) body->contact_radius_ = reader.Number("contact_radius");
+  if (reader.ok() && !body->patches_.empty()) {
+    body->contact_radius_ = reader.Number("contact_radius");
+    WarnOfGeomsWithoutDistance(m);
+  }
   if (!reader.ok()) {
     mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());
     return nullptr;

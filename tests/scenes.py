@@ -148,22 +148,25 @@ def move_points(model: mujoco.MjModel, data: mujoco.MjData, view: Soft, x: np.nd
     data.qpos[coordinates(model, view)] += slide.reshape(-1, 3)
 
 
-def distorted(rest: np.ndarray, rng: np.random.Generator, size: float = 0.3) -> np.ndarray:
+def distorted(rest: np.ndarray, rng: np.random.Generator, size: float = 0.3, mirrored: bool = False) -> np.ndarray:
     """x (k, 3): `rest` (k, 3) stretched, sheared, bent and crumpled, then turned about its middle by any angle."""
     middle, extent = rest.mean(axis=0), np.ptp(rest, axis=0).max()
     p = (rest - middle) / extent
     bent = p + size * (p @ rng.normal(size=(3, 3)) + (p**2) @ rng.normal(size=(3, 3)))
     crumpled = bent + 0.1 * size * rng.normal(size=p.shape)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return middle + extent * crumpled @ (turn * np.linalg.det(turn))
+    turn *= np.linalg.det(turn) * (-1 if mirrored else 1)
+    return middle + extent * crumpled @ turn
 
 
-def distort(model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, speed: float = 0.0) -> None:
+def distort(
+    model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, speed: float = 0.0, mirrored: bool = False
+) -> None:
     """A random state of every soft body, with random velocities of all degrees of freedom [m/s]; calls mj_forward."""
     mujoco.mj_resetData(model, data)
     mujoco.mj_kinematics(model, data)
     for name in soft_names(model):
         view = soft(model, data, name)
-        move_points(model, data, view, distorted(view.control_positions, rng))
+        move_points(model, data, view, distorted(view.control_positions, rng, mirrored=mirrored))
     data.qvel[:] = speed * rng.normal(size=model.nv)
     mujoco.mj_forward(model, data)

@@ -24,7 +24,7 @@ SCENE = """
     <body name="arm"><joint axis="0 1 1" pos="0 0 .5"/><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body>
     <body name="obstacle" euler="20 50 10">
       {joint}<inertial pos="0 0 0" mass="1" diaginertia=".01 .01 .01"/>
-      <geom name="obstacle" friction=".7 .02 .01" {geom}/>
+      <geom name="obstacle" friction="1.3 .02 .01" {geom}/>
     </body>
   </worldbody>
 </mujoco>
@@ -94,20 +94,21 @@ def obstacle(request: pytest.FixtureRequest) -> Obstacle:
 
 
 def touching(
-    obstacle: Obstacle, cone: str = "elliptic", jacobian: str = "dense", turn: float = 0.3
+    obstacle: Obstacle, cone: str = "elliptic", jacobian: str = "dense", depth: float = 0.0
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A distorted beam that came down until at least three clusters touch; all moving; the arm at angle `turn`."""
+    """A distorted beam that came down until at least three clusters touch, and by `depth` [m] more; all moving."""
     xml = SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict())
     model, data = compiled(xml, (beam(), (0, 0, 0), (1, 0, 0, 0)), parent="arm")
     view = soft(model, data, "soft0")
     rng = np.random.default_rng(0)
-    data.joint(int(model.body("arm").jntadr[0])).qpos[:] = turn
+    data.joint(int(model.body("arm").jntadr[0])).qpos[:] = 0.3
     mujoco.mj_kinematics(model, data)
     shape = distorted(view.rest - view.rest.mean(axis=0), rng, 0.1)
     for height in np.arange(0.3, 0, -0.002):
         move_points(model, data, view, shape + np.array([0, 0, height]))
         mujoco.mj_forward(model, data)
         if data.ncon >= 3:
+            move_points(model, data, view, shape + np.array([0, 0, height - depth]))
             break
     data.qvel[:] = rng.normal(size=model.nv)
     mujoco.mj_forward(model, data)
@@ -176,8 +177,9 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
     return found
 
 
-def test_contacts_are_the_pressure_centres_of_the_clusters(obstacle: Obstacle) -> None:
-    model, data = touching(obstacle)
+@pytest.mark.parametrize("depth", [0.0, 0.015], ids=["touching", "deep inside"])
+def test_contacts_are_the_pressure_centres_of_the_clusters(obstacle: Obstacle, depth: float) -> None:
+    model, data = touching(obstacle, depth=depth)
     radius = float(soft(model, data, "soft0").configuration["contact_radius"])
     expected = touches(model, data, obstacle)
     assert len(expected) == data.ncon

@@ -50,6 +50,8 @@ def test_a_saved_scene_is_the_same_model(tmp_path: Path) -> None:
     original = arrays(model)
     assert len(original) > 300
     for name, values in arrays(saved).items():
+        if "oct" in name:  # of the patches' bounds, not used; MuJoCo does not save how deep it may be
+            continue
         if name.startswith("skin_"):  # only drawn
             np.testing.assert_allclose(values, original[name], atol=1e-5, err_msg=name)
         else:
@@ -231,6 +233,7 @@ DAMAGED = {
     "no number": ("beta", "0.001", "much", "beta is 'much' but has to be a number ≥ 0"),
     "infinite damping": ("beta", "0.001", "inf", "beta is 'inf' but has to be a number ≥ 0"),
     "truncated": ("region_stiffness", r"(f64:\d+:.{400})[^\"]*", r"\g<3>", "region_stiffness is truncated or damaged"),
+    "lengthened": ("region_stiffness", r"(f64:\d+:)", r"\g<3>AAAA", "region_stiffness is truncated or damaged"),
     "other letters": ("region_gradient", r"(f64:\d+:.{40}).", r"\g<3>*", "region_gradient is truncated or damaged"),
     "empty": ("point_rest", r"[^\"]*", "", "point_rest is not an array of type f64"),
     "other type": ("region_point", "i32", "f64", "region_point is not an array of type i32"),

@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 import pytest
 from scenes import beam, lump
+from test_mjcf import DAMAGED, edited
 
 from mjframes import plugin
 from mjframes.body import build
@@ -42,17 +43,25 @@ for jacobian in (mujoco.mjtJacobian.mjJAC_DENSE, mujoco.mjtJacobian.mjJAC_SPARSE
         mujoco.mj_step(model, data)
         contacts += data.ncon
     print(contacts)
-for broken in ("version", "region_stiffness", "patch_weight", "region_point"):
-    text = open({scene!r}).read()
-    start = text.index('"', text.index('key="' + broken + '"') + len(broken) + 6) + 1
+for damaged in {damaged!r}:
     try:
-        mujoco.MjModel.from_xml_string(text[:start] + "f64:9" + text[start + 7:])
-        sys.exit("a damaged scene was taken: " + broken)
+        mujoco.MjModel.from_xml_path(damaged)
+        sys.exit("taken: " + damaged)
     except ValueError:
         pass
 del data
 print("done")
 """
+
+
+DAMAGES = (
+    "truncated",
+    "huge count",
+    "points out of range",
+    "large region",
+    "empty clusters",
+    "patch points",
+)  # to be read out of bounds
 
 
 def runtime(compiler: list[str], name: str) -> Path | None:
@@ -94,6 +103,11 @@ def test_a_steak_among_things_leaves_the_sanitizers_silent(library: Path, tmp_pa
     scene = tmp_path / "scene.xml"
     scene.write_text(spec.to_xml())
 
+    damaged = []
+    for number, damage in enumerate(DAMAGES):
+        damaged.append(str(tmp_path / f"{number}.xml"))
+        Path(damaged[-1]).write_text(edited(*DAMAGED[damage][:3]))
+
     environment = {
         **os.environ,
         plugin.LIBRARY_VARIABLE: str(library),
@@ -101,7 +115,7 @@ def test_a_steak_among_things_leaves_the_sanitizers_silent(library: Path, tmp_pa
         "ASAN_OPTIONS": "detect_leaks=0:detect_stack_use_after_return=1",
         "UBSAN_OPTIONS": "print_stacktrace=1",
     }
-    code = SIMULATION.format(scene=str(scene), library=str(library))
+    code = SIMULATION.format(scene=str(scene), library=str(library), damaged=damaged)
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
     )
