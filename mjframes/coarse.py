@@ -20,13 +20,13 @@ from mjframes.grid import Grid, root_of
 class ClusterGraph(NamedTuple):
     """c clusters of n voxels.
 
-    cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  index: (c, 3) mean voxel index.  compliance: (c,) [1/Pa].
+    cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  middle: (c, 3) mean voxel index.  compliance: (c,) [1/Pa].
     start: (c + 1,), neighbour, cost: the edges of cluster a are start[a]:start[a + 1], in [m/Pa].
     """
 
     cluster: NDArray[np.int32]
     size: NDArray[np.int64]
-    index: NDArray[np.float64]
+    middle: NDArray[np.float64]
     compliance: NDArray[np.float64]
     start: NDArray[np.int64]
     neighbour: NDArray[np.int32]
@@ -38,13 +38,13 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
     n = len(grid.index)
     cluster = np.arange(n, dtype=np.int32)
     count = _join(grid.index, grid.padded, grid.material, block, cluster) if block > 1 else n
-    size, index, material = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count, np.int64)
-    _sum_up(grid.index, grid.material, cluster, size, index, material)
+    size, middle, material = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count, np.int64)
+    _sum_up(grid.index, grid.material, cluster, size, middle, material)
     compliance = grid.per_material("compliance")[material]
     first, second = _pairs(grid.index, grid.padded, cluster)
-    lengths = np.linalg.norm((index[second] - index[first]) * grid.spacing, axis=1)
+    lengths = np.linalg.norm((middle[second] - middle[first]) * grid.spacing, axis=1)
     start, neighbour, cost = _rows(count, first, second, edge_costs(lengths, compliance[first], compliance[second]))
-    return ClusterGraph(cluster, size, index, compliance, start, neighbour, cost)
+    return ClusterGraph(cluster, size, middle, compliance, start, neighbour, cost)
 
 
 @njit(cache=True, nogil=True)

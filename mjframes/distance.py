@@ -16,7 +16,7 @@ rule for ties chooses among them, not rounding.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -127,7 +127,7 @@ def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike 
 
 
 @njit(cache=True, nogil=True)
-def sweep(graph, zone, bound, cut, distance, rank, visited, count):
+def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -> int:
     """Dijkstra's algorithm from the first `count` nodes of `visited`, which have a distance; how many it visited.
 
     distance: (n,) inf where unvisited.  rank: (n,) carried from the source; at equal distance the smaller wins.
@@ -138,7 +138,8 @@ def sweep(graph, zone, bound, cut, distance, rank, visited, count):
     scale = 1.0 / graph.width
     mask = graph.slots - 1
     head = np.full(graph.slots, -1, np.int32)  # each bucket is a linked list of entries
-    item, link = np.empty(1024, np.int32), np.arange(1, 1025).astype(np.int32)
+    item: Any = np.empty(1024, np.int32)
+    link: Any = np.arange(1, 1025).astype(np.int32)  # to the next entry, of a bucket or among the free ones
     link[-1] = -1
     free = 0
     heap_key, heap_item, heap_size = np.empty(64), np.empty(64, np.int32), 0
@@ -261,7 +262,7 @@ def _offer_all(ids, costs, labels, distance, rank, visited):
 
 
 @njit(cache=True, nogil=True)
-def _more(array):
+def _more(array: Any) -> Any:
     larger = np.empty(2 * len(array), array.dtype)
     larger[: len(array)] = array
     return larger
@@ -311,7 +312,7 @@ def _cells(index, strides, cell):
 
 
 @njit(cache=True, nogil=True)
-def _collapse(voxels, cell, offset, piece):
+def _collapse(voxels, cell, offset, piece) -> tuple[Any, Any, Any, Any]:
     """The image of nodes, the node of each voxel, and the shells of the pieces."""
     lookup = voxels.copy()
     node = np.arange(len(cell)).astype(np.int32)

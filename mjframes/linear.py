@@ -46,7 +46,7 @@ def linear_weights(grid: Grid, placement: Placement, axis: int | None = None) ->
 
 
 def _hats(along: NDArray[np.float64], ends: NDArray[np.float64], order: NDArray[np.int64]) -> sparse.csr_array:
-    """Weights (n, f) at the places `along` (n,), from the intervals `ends` (f, 2), ascending, of frames `order` (f,)."""
+    """Weights (n, f) at the places `along` (n,), from the intervals `ends` (f, 2), ascending, of frames `order`."""
     after = np.searchsorted(ends[:, 0], along, side="right")  # the first frame that begins beyond
     left, right = np.maximum(after - 1, 0), np.minimum(after, len(ends) - 1)
     gap = ends[right, 0] - ends[left, 1]

@@ -41,6 +41,7 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (pl
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
 BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its body's size before the broad phase loses it
 INERTIA = 1e-6  # [-] of m size²: point masses have none, but MuJoCo wants a positive one; slides never turn
+DIGITS = 12  # decimals in SI: what is smaller is rounding, and MuJoCo saves it as 0
 SKIN_WEIGHT = 1e-4  # [-] smaller skin weights are left out: below single precision of a pixel
 
 
@@ -105,7 +106,7 @@ def _add_bodies(holder: mujoco.MjsBody, body: SoftBody, name: str) -> list[mujoc
 
 def _printable(values: np.ndarray | np.floating | float) -> list[float]:
     """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
-    return [float(f"{value:.6g}") for value in np.atleast_1d(values)]
+    return [float(f"{value:.6g}") for value in np.round(np.atleast_1d(values), DIGITS)]
 
 
 def _offsets(body: SoftBody) -> list[list[float]]:

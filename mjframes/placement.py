@@ -112,7 +112,7 @@ def _spread_out(grid: Grid, free: int, seed: int, fixed: Seeds) -> Seeds:
         return _nearest_clusters(graph, [*held, *free_seeds[:, None]])
 
     measure = graph.size * graph.compliance
-    chosen = _lloyd(nearest_of_clusters, graph.index, grid.spacing, measure, chosen, len(fixed), LLOYD_ITERATIONS)
+    chosen = _lloyd(nearest_of_clusters, graph.middle, grid.spacing, measure, chosen, len(fixed), LLOYD_ITERATIONS)
     if block == 1:
         return list(chosen[:, None])
 
@@ -138,7 +138,7 @@ def _clusters(grid: Grid, free: int, fixed: Seeds) -> tuple[ClusterGraph, Seeds,
         block += 1 + block // 2
     while True:
         graph = cluster_graph(grid, block)
-        held = [np.unique(graph.cluster[s]) for s in fixed]
+        held: Seeds = [np.unique(graph.cluster[s]) for s in fixed]
         is_free = graph.compliance > 0
         is_free[np.concatenate([*held, np.empty(0, np.int32)])] = False
         if block == 1 or np.count_nonzero(is_free) >= CLUSTERS_A_FRAME * free:
