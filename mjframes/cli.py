@@ -70,7 +70,11 @@ def build(arguments: argparse.Namespace) -> int:
         if arguments.largest:
             volume = largest_piece(volume)
         body = build_body(
-            volume, frames=arguments.frames, samples=arguments.samples, seed=arguments.seed, progress=status.update
+            volume, frames=arguments.frames, samples=arguments.samples, seed=arguments.seed,
+            frame_type=arguments.frame_type,
+            weights=arguments.weights,
+            subdivisions=arguments.subdivisions,
+            relax=arguments.relax, progress=status.update
         )
         status.update("writing")
         spec = standalone_scene(body, volume, contact=arguments.contact)
@@ -212,6 +216,16 @@ def _parser() -> argparse.ArgumentParser:
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
     units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
+    command.add_argument(
+        "--frame-type", choices=("affine", "quadratic"), default="affine", help="of all frames (default %(default)s)"
+    )
+    command.add_argument(
+        "--weights", choices=("voronoi", "harmonic", "linear"), default="voronoi", help="(default %(default)s)"
+    )
+    command.add_argument(
+        "--subdivisions", type=_count, default=1, metavar="N", help="of the Voronoi kernels (default %(default)s)"
+    )
+    command.add_argument("--no-relax", dest="relax", action="store_false", help="no relaxation within the regions")
     command.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )

@@ -120,16 +120,19 @@ def _join(index, padded, material, block, cluster):
     """The number of clusters; each voxel's, in the order of their first voxels."""
     for v in range(len(cluster)):
         a, b, c = index[v, 0], index[v, 1], index[v, 2]
-        for k in range(13):  # the neighbours before v
-            x, y, z = a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1
-            if x < a // block * block or y < b // block * block or z < c // block * block:
-                continue
-            if y >= (b // block + 1) * block or z >= (c // block + 1) * block:
+        low_a, low_b, low_c = a // block * block, b // block * block, c // block * block
+        for k in range(-1, 13):  # the neighbours before v, and before all of them the one that touches all others
+            x, y, z = a - 1, b, c
+            if k >= 0:
+                x, y, z = a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1
+            if x < low_a or y < low_b or z < low_c or y >= low_b + block or z >= low_c + block:
                 continue
             u = padded[x + 1, y + 1, z + 1]
             if u >= 0 and material[u] == material[v]:
                 first, second = root_of(cluster, u), root_of(cluster, v)
                 cluster[max(first, second)] = min(first, second)
+                if k < 0:
+                    break
     count = 0
     for v in range(len(cluster)):  # parents come before children, so they have their number already
         if cluster[v] == v:

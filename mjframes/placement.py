@@ -22,8 +22,8 @@ from mjframes.grid import Grid, nearest_voxels
 
 LLOYD_ITERATIONS = 20  # on clusters; it mostly stops by itself after 3 to 8
 FINE_ITERATIONS = 1  # on voxels: what a cluster's size left undone
-CLUSTERS = 8000  # at most about that many, and at least …
-CLUSTERS_A_FRAME = 50  # … that many for each frame
+CLUSTERS = 3000  # at most about that many, and at least …
+CLUSTERS_A_FRAME = 100  # … that many for each frame
 SNAP_VOXELS = 2  # [voxels] a position on the surface may fall just outside; farther off is a mistake
 
 Seeds = list[NDArray[np.integer]]

@@ -58,6 +58,7 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
     if not isinstance(samples, (int, np.integer)) or samples < 1:
         raise MjframesError(f"samples is {samples!r}; it must be an integer ≥ 1, the number of regions.")
     label, sets = _same_frames(weights)
+    label, sets = _without_films(grid, label, sets)
     if len(sets) > samples:
         label, sets = _merge(grid, label, sets, samples)
     frames = [tuple(np.flatnonzero(row).tolist()) for row in sets]
@@ -91,6 +92,19 @@ def _same_frames(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[
     label = np.empty(len(weights.indptr) - 1, np.int32)
     first = _number_sets(weights.indptr, weights.indices, label)
     return label, weights[first].toarray() > 0
+
+
+def _without_films(
+    grid: Grid, label: NDArray[np.int32], sets: NDArray[np.bool_]
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Without soft voxels of one frame alone that are but one voxel thick along an axis: those join a neighbour's set.
+
+    A frame's seed of one voxel is the top of its hat. As a region of its own it would be as wide as a voxel, and flat.
+    """
+    frame = np.where(sets.sum(axis=1) == 1, sets.argmax(axis=1), -1).astype(np.int32)
+    joined = _join_films(grid.index, grid.padded, grid.piece, label, frame, sets)
+    kept, number = np.unique(joined, return_inverse=True)
+    return number.astype(np.int32).ravel(), sets[kept]
 
 
 def _part(grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32]) -> _Part:
@@ -134,6 +148,28 @@ def _merge(
         into[into == small] = target
     kept, number = np.unique(into, return_inverse=True)
     return number.astype(np.int32)[label], sets[kept]
+
+
+@njit(cache=True, nogil=True)
+def _join_films(index, padded, piece, label, frame, sets):
+    joined = label.copy()
+    for v in range(len(label)):
+        i = frame[label[v]]
+        if i < 0 or piece[v] >= 0:
+            continue
+        x, y, z = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
+        for axis in range(3):
+            target, thin = np.int32(-1), True
+            for side in (-1, 1):
+                n = padded[x + side * (axis == 0), y + side * (axis == 1), z + side * (axis == 2)]
+                if n >= 0:
+                    thin &= label[n] != label[v]
+                    if target < 0 and sets[label[n], i]:
+                        target = label[n]
+            if thin and target >= 0:
+                joined[v] = target
+                break
+    return joined
 
 
 @njit(cache=True, nogil=True)

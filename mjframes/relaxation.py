@@ -31,8 +31,7 @@ BLOCK = 1024  # [voxels] of one matrix product: its gradients fit the cache
 SHARE = 1 << 14  # [voxels] that one thread sums up at a time
 THIN = 6  # [voxels] mean thickness from which on bending is right to 1/THIN² with one point a voxel
 FLAT = 1e-9  # [-] relative second moment below which a piece has no extent in a direction
-GAUSS = 0.5 / 3**0.5  # [voxels] from the centre to Gauss's two points
-TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float64)
+GAUSS = 0.5 / 3**0.5  # [voxels] from the centre to Gauss's two points; other rules may exceed exact integrals of v
 MINOR = 0.01  # [-] share of a region's voxels below which a piece does not relax: it matters too little
 HOMOGENEOUS = 3.0  # [-] largest to smallest E up to which a region's weights may be replaced by their linear fit …
 NEARLY_LINEAR = 0.1  # [-] … if their rms residual is below this
@@ -211,17 +210,11 @@ def _piece(
     center = centers.mean(axis=0)
     length = float(np.abs(centers - center).max() + grid.spacing.max())
     young = grid.per_material("young")
-    thin = _thickness(grid.index, grid.padded, component, grid.material, young, voxels) < THIN
+    thickness = _thickness(grid.index, grid.padded, component, grid.material, young, voxels)
+    along = [(-GAUSS, GAUSS) if t < THIN else (0.0,) for t in thickness]
     fit = None if work or not relaxes else _linear_fit(grid, weights, voxels, frames)[0]
     cells = _cells(grid, voxels, work, 3 * len(frames)) if work else None
-    return Piece(region, relaxes, voxels, center, length, _offsets(thin), fit, cells)
-
-
-def _offsets(thin: NDArray[np.bool_]) -> Array:
-    """(q, 3) points in a voxel [voxels] that integrate squares exactly along the axes where a piece is thin."""
-    if thin.all():  # four of the eight of Gauss's points are enough
-        return GAUSS * TETRAHEDRON
-    return np.array(list(product(*((-GAUSS, GAUSS) if along else (0.0,) for along in thin))))
+    return Piece(region, relaxes, voxels, center, length, np.array(list(product(*along))), fit, cells)
 
 
 def _cells(grid: Grid, voxels: NDArray[np.int32], work: float, columns: int) -> CellGrid | None:

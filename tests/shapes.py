@@ -54,19 +54,22 @@ def plate_of_figure_6() -> tuple[Grid, Placement, dict[str, np.ndarray]]:
     return grid, placement, {name: np.flatnonzero(where) for name, where in places.items()}
 
 
-def thread_of_three_arms() -> tuple[Grid, np.ndarray, tuple[np.ndarray, np.ndarray], float, float, float]:
+def thread_of_three_arms(
+    first: int = 16, second: int = 8, label: int = 1
+) -> tuple[Grid, np.ndarray, tuple[np.ndarray, np.ndarray], float, float, float]:
     """Threads that meet in one voxel; two of them diagonal, so that neighbours touch at edges only.
 
-    The grid, a position on each arm, the third arm's voxels with their distance t from the fork, and the distances of
+    first, second: steps from the fork to the positions on the diagonal arms.  label: of the second arm.
+    Returns the grid, a position on each arm, the third arm's voxels with their distance t from the fork, and the distances of
     the three positions from the fork [m].
     """
     size = 40
     labels = np.zeros((2 * size + 1, size + 61, 1), np.uint8)
     for step in range(1, size + 1):
-        labels[size - step, size - step] = labels[size + step, size - step] = 1
+        labels[size - step, size - step], labels[size + step, size - step] = 1, label
     labels[size, size:] = 1
     grid = voxel_grid(Volume.from_labels(labels, 0.01, MATERIALS))
-    centers = np.array([[size - 16, size - 16, 0], [size + 8, size - 8, 0], [size, size + 60, 0]]) + 0.5
+    centers = np.array([[size - first, size - first, 0], [size + second, size - second, 0], [size, size + 60, 0]]) + 0.5
     arm = grid.lookup[size, size:, 0]
     root = 0.01 * np.sqrt(2)
-    return grid, 0.01 * centers, (arm, 0.01 * np.arange(len(arm))), 16 * root, 8 * root, 0.6
+    return grid, 0.01 * centers, (arm, 0.01 * np.arange(len(arm))), first * root, second * root, 0.6

@@ -47,6 +47,19 @@ def test_interpolation_and_extrapolation_on_a_forked_thread():
     assert np.all(weights[t < length - 0.02, 0] > 0)
 
 
+def test_two_surfaces_may_cross_the_same_edge():
+    """Frame 0 is two soft steps c from the fork, frame 1 one step of 0.6 c: ½ and ¼ both lie on the edge at the fork."""
+    grid, at, arm, _, _, length = thread_of_three_arms(2, 1, label=2)
+    weights = voronoi_weights(grid, place_frames(grid, at=at), 3).toarray()[arm[0][5:-5]]
+    t, c = arm[1][5:-5], 0.01 * np.sqrt(2)
+    third = 1 - (length - t) / (0.6 * c + length)
+    quarter = 0.05 * c + t
+    eighth = np.minimum(np.abs((length - 0.05 * c) / 2 - t), t + 0.275 * c)
+    before = t < (length - 0.05 * c) / 2
+    expected = (quarter / 8 + eighth / 4) / (quarter + eighth)
+    np.testing.assert_allclose((weights[:, 0] / weights[:, 2])[before], (expected / third)[before], rtol=1e-5)
+
+
 def test_figure_6():
     grid, placement, places = plate_of_figure_6()
     weight = {n: voronoi_weights(grid, placement, n).toarray()[:, 0] for n in (1, 2, 5)}
