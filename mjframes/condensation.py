@@ -104,7 +104,7 @@ def add_points(
     fields, values = _fields(_POWERS, _LOWER, place, weights, slopes, functions, gradients)
     columns, weighted, stretch = np.split(fields, [g, g + 1 + f], axis=1)
     total.gram[:] += volume * (columns.T @ columns)
-    total.mean[:] += volume * columns.sum(axis=0)
+    total.mean[:] += volume * (weighted[:, 0] @ columns)
     total.sums[:] += volume * (weighted.T @ values)
     for a in range(3):
         by_component = stretch[:, 4 * f * a : 4 * f * (a + 1)].T

@@ -136,6 +136,7 @@ def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -
     cut: paths are not continued from where the distance is −rank or more.
     """
     scale = 1.0 / graph.width
+    one_material, uniform = len(graph.cost) == 1, graph.cost[0, :, 0].copy()
     mask = graph.slots - 1
     head = np.full(graph.slots, -1, np.int32)  # each bucket is a linked list of entries
     item: Any = np.empty(1024, np.int32)
@@ -200,10 +201,10 @@ def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -
                     old = distance[v]
                     if old <= du:
                         continue
-                    if zone is not None and zone[v] != zone[u]:
-                        continue
-                    d = du + costs[k, graph.material[v]]
+                    d = du + (uniform[k] if one_material else costs[k, graph.material[v]])
                     if d > old:
+                        continue
+                    if zone is not None and zone[v] != zone[u]:
                         continue
                     if d == old:
                         rank[v] = min(rank[v], ru)

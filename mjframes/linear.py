@@ -40,8 +40,6 @@ def linear_weights(grid: Grid, placement: Placement, axis: int | None = None) ->
     piece = grid.piece[rigid]
     sums, sizes = np.bincount(piece, along[rigid]), np.bincount(piece)
     along[rigid] = (sums / np.maximum(sizes, 1))[piece]
-    for interval, seed in zip(extent, placement.seeds, strict=True):
-        along[seed] = interval[0]
     return _hats(along, ends, order)
 
 

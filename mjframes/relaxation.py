@@ -163,64 +163,68 @@ def _pieces(
         split += [(e, members, True) for members in sets if len(members) >= MINOR * len(some)]
         if minor := [members for members in sets if len(members) < MINOR * len(some)]:
             split.append((e, np.concatenate(minor), False))
-    uneven = [relaxes and _is_uneven(grid, weights, members, frames[e]) for e, members, relaxes in split]
-    work = WORK / max(1, sum(len(members) for (_, members, _), bad in zip(split, uneven, strict=True) if bad))
-    work += WORK_A_VOXEL
-    return [
-        _piece(grid, weights, e, relaxes, members, frames[e], component, work * len(members) if bad else 0.0)
-        for (e, members, relaxes), bad in zip(split, uneven, strict=True)
-    ]
 
+    def fit(part: tuple[int, NDArray[np.int32], bool]) -> Array | None:
+        return _linear_fit(grid, weights, part[1], frames[part[0]]) if part[2] else None
 
-def _is_uneven(
-    grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32], frames: NDArray[np.int64]
-) -> bool:
-    """Whether material or weights vary so much that monomials are not enough."""
-    young = grid.per_material("young")[np.unique(grid.material[voxels])]
-    if young.max() >= HOMOGENEOUS * young.min():
-        return True
-    return _linear_fit(grid, weights, voxels, frames)[1] >= NEARLY_LINEAR
+    fits = list(in_parallel(fit, split))
+    uneven = sum(len(members) for (_, members, relaxes), fit in zip(split, fits, strict=True) if relaxes and fit is None)
+    work = WORK / max(1, uneven) + WORK_A_VOXEL
+
+    def piece(k: int) -> Piece:
+        e, members, relaxes = split[k]
+        return _piece(grid, e, relaxes, members, fits[k], component, work * len(members), 3 * len(frames[e]))
+
+    return list(in_parallel(piece, range(len(split))))
 
 
 def _linear_fit(
     grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32], frames: NDArray[np.int64]
-) -> tuple[Array, float]:
-    """Constant and slope (4, f) [1, 1/m] of the weights' least-squares fit about the mean centre; its rms residual [-]."""
-    centers = grid.points(voxels)
-    offset = centers - centers.mean(axis=0)
-    dense = weights_at(weights, voxels, frames)
-    mean = dense.mean(axis=0)
-    slope = np.linalg.pinv(offset.T @ offset, rcond=FLAT, hermitian=True) @ (offset.T @ (dense - mean))
-    residual = np.sqrt(np.mean(np.sum((dense - mean - offset @ slope) ** 2, axis=1)))
-    return np.vstack([mean, slope]), float(residual)
+) -> Array | None:
+    """Constant and slope (4, f) [1, 1/m] of the weights' least-squares fit about the mean centre.
+
+    None where material or weights vary so much that neither the fit nor monomials are enough.
+    """
+    young = grid.per_material("young")[np.unique(grid.material[voxels])]
+    if young.max() >= HOMOGENEOUS * young.min():
+        return None
+    share = np.full(len(voxels), 1 / len(voxels))
+    centers, dense = grid.points(voxels), weights_at(weights, voxels, frames)
+    mean = share @ dense
+    centers -= share @ centers
+    moment = centers.T @ dense
+    slope = np.linalg.pinv(centers.T @ centers, rcond=FLAT, hermitian=True) @ moment
+    square = share @ np.einsum("vi,vi->v", dense, dense) - mean @ mean - np.sum(slope * moment) / len(voxels)
+    return np.vstack([mean, slope]) if square < NEARLY_LINEAR**2 else None
 
 
 def _piece(
     grid: Grid,
-    weights: sparse.csr_array,
     region: int,
     relaxes: bool,
     voxels: NDArray[np.int32],
-    frames: NDArray[np.int64],
+    fit: Array | None,
     component: NDArray[np.int32],
     work: float,
+    columns: int,
 ) -> Piece:
-    """One piece; work: [flop] that eliminating its cells' nodes may take, 0 where it is even."""
+    """One piece; work: [flop] that eliminating its cells' nodes may take, for so many columns of constraints."""
     centers = grid.points(voxels)
-    center = centers.mean(axis=0)
-    length = float(np.abs(centers - center).max() + grid.spacing.max())
+    center = np.full(len(voxels), 1 / len(voxels)) @ centers
+    index = grid.index[voxels]
+    length = 0.5 * float(np.linalg.norm((np.ptp(index, axis=0) + 1) * grid.spacing))
     young = grid.per_material("young")
     thickness = _thickness(grid.index, grid.padded, component, grid.material, young, voxels)
     along = [(-GAUSS, GAUSS) if t < THIN else (0.0,) for t in thickness]
-    fit = None if work or not relaxes else _linear_fit(grid, weights, voxels, frames)[0]
-    cells = _cells(grid, voxels, work, 3 * len(frames)) if work else None
+    cells = _cells(grid, index, work, columns) if relaxes and fit is None else None
     return Piece(region, relaxes, voxels, center, length, np.array(list(product(*along))), fit, cells)
 
 
-def _cells(grid: Grid, voxels: NDArray[np.int32], work: float, columns: int) -> CellGrid | None:
-    index = grid.index[voxels]
-    for factor in range(1, 1 + int(np.ptp(index, axis=0).max()) // COARSEST):
-        if elimination_cost(index, factor, columns) <= work:
+def _cells(grid: Grid, index: NDArray[np.int32], work: float, columns: int) -> CellGrid | None:
+    """The finest cells around the voxels at `index` that fit into the work, None if that is too little."""
+    size = np.ptp(index, axis=0) + 1
+    for factor in range(1, 1 + int(size.max()) // COARSEST):
+        if elimination_cost(size, factor, columns) <= work:
             return cell_grid(index, grid.spacing, grid.axes, factor)
     return None
 

@@ -82,28 +82,23 @@ def cell_grid(index: NDArray[np.integer], spacing: Array, axes: Array, factor: i
     )
 
 
-def elimination_cost(index: NDArray[np.integer], factor: int, columns: int) -> float:
-    """Upper bound [flop] of `condense` for `cell_grid(index, ..., factor)` and so many right-hand sides."""
-    nodes = np.sort(np.ptp(index, axis=0) // factor + 2)
+def elimination_cost(size: NDArray[np.integer], factor: int, columns: int) -> float:
+    """Upper bound [flop] of `condense` for cells of `factor`³ voxels in a box of `size` (3,) voxels, with so many columns."""
+    nodes = np.sort(-(-size // factor) + 1)
     rows = 3.0 * nodes[0] * nodes[1]
     return float(nodes[2] * rows * (2.4 * rows**2 + 3 * rows * columns + columns**2))
 
 
 def cell_stiffness(grid: CellGrid, lam: Array, mu: Array) -> sparse.csr_array:
     """(3N, 3N) ∫ ε : C ε with natural boundaries, degrees of freedom 3a + xyz; lam, mu: (n,) V times Lamé's [Pa m³]."""
-    s = grid.place
+    moments = np.zeros((2, len(grid.cell_nodes), len(_EXPONENTS)))
     # Each voxel's own extent makes the integrals exact, and one voxel a cell the standard eight-node brick.
-    powers = np.stack([np.ones_like(s), s, s**2 + 1 / (12 * grid.factor**2)])
-    moments = np.prod([powers[_EXPONENTS[:, d], :, d] for d in range(3)], axis=0)
-    per_cell = sparse.csr_array(
-        (np.ones(len(s)), (grid.voxel_cell, np.arange(len(s)))), shape=(len(grid.cell_nodes), len(s))
-    )
+    _add_moduli(grid.voxel_cell, grid.place, lam, mu, 1 / (12 * grid.factor**2), moments)
     pairs = np.zeros((8, 3, 8, 3, len(_EXPONENTS)))
     for p, q in product(range(8), repeat=2):
         pairs[..., _PRODUCT[p, q]] += np.multiply.outer(grid.slopes[:, :, p], grid.slopes[:, :, q])
     by_mu = pairs.transpose(0, 3, 2, 1, 4) + np.einsum("afbfk,de->adbek", pairs, np.eye(3))
-    blocks = (per_cell @ (moments * lam).T) @ pairs.reshape(576, 27).T
-    blocks += (per_cell @ (moments * mu).T) @ by_mu.reshape(576, 27).T
+    blocks = moments[0] @ pairs.reshape(576, -1).T + moments[1] @ by_mu.reshape(576, -1).T
     dof = (3 * grid.cell_nodes[:, :, None] + np.arange(3)).reshape(-1, 24)
     at = (np.repeat(dof, 24, axis=1).ravel(), np.tile(dof, (1, 24)).ravel())
     size = 3 * len(grid.nodes)
@@ -168,13 +163,38 @@ def _six_supports(nodes: Array) -> NDArray[np.int64]:
 @njit(cache=True, nogil=True)
 def add_moments(cell, place, fields, total):
     """Add Σ s^p u to total (8, c, u) over points in cells (n,) at s = place (n, 3), for fields u (n, u)."""
-    power = np.empty(8)
+    count = fields.shape[1]
+    flat, sloped = np.zeros(count), np.zeros(count)  # Σ u and Σ z u over the points of a row, where only z varies
     for v in range(len(cell)):
-        for p in range(8):
-            power[p] = 1.0
-            for d in range(3):
-                if (p >> (2 - d)) & 1:
-                    power[p] *= place[v, d]
-        for p in range(8):
-            for u in range(fields.shape[1]):
-                total[p, cell[v], u] += power[p] * fields[v, u]
+        z = place[v, 2]
+        for u in range(count):
+            flat[u] += fields[v, u]
+            sloped[u] += z * fields[v, u]
+        if (
+            v + 1 < len(cell)
+            and cell[v + 1] == cell[v]
+            and place[v + 1, 0] == place[v, 0]
+            and place[v + 1, 1] == place[v, 1]
+        ):
+            continue
+        for p in range(4):
+            power = (place[v, 0] if p & 2 else 1.0) * (place[v, 1] if p & 1 else 1.0)
+            low, high = total[2 * p, cell[v]], total[2 * p + 1, cell[v]]
+            for u in range(count):
+                low[u] += power * flat[u]
+                high[u] += power * sloped[u]
+        flat[:] = 0.0
+        sloped[:] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _add_moduli(cell, place, lam, mu, extent, total):
+    for v in range(len(cell)):
+        x, y, z = place[v]
+        at = 0
+        for a in (1.0, x, x * x + extent):
+            for b in (a, a * y, a * (y * y + extent)):
+                for c in (b, b * z, b * (z * z + extent)):
+                    total[0, cell[v], at] += lam[v] * c
+                    total[1, cell[v], at] += mu[v] * c
+                    at += 1

@@ -121,22 +121,20 @@ def _slopes(indptr, indices, data, voxels, column, own, index, padded, complianc
                 for side in (-1, 1):
                     n = padded[x + side * (axis == 0), y + side * (axis == 1), z + side * (axis == 2)]
                     alike |= n >= 0 and within[n] == within[u]
-            found, taken = 0, 0.0  # taken: Σ of the factors, which all own weights share
+            found = 0
             for side in (-1, 1):
                 n = padded[x + side * (axis == 0), y + side * (axis == 1), z + side * (axis == 2)]
                 if n < 0 or (alike and within[n] != within[u]):
                     continue
                 found += 1
                 factor = side / spacing[axis] * 2 * c / (c + compliance[material[n]])
-                taken += factor
                 for k in range(indptr[n], indptr[n + 1]):
                     i = column[indices[k]]
                     if i >= 0:
                         along[i] += factor * data[k]
             total = 0.0
             for i in range(frames):
-                along[i] = (along[i] - taken * own[a, i]) / max(found, 1)
                 total += along[i]
-            for i in range(frames):
-                slope[a, i, axis] = along[i] - own[a, i] * total  # total: that of the frames left out
+            for i in range(frames):  # total: what all own weights together take off, and the frames left out put in
+                slope[a, i, axis] = (along[i] - own[a, i] * total) / max(found, 1)
     return slope

@@ -14,10 +14,10 @@ from mjframes.log import read_log
 def test_steak_comes_to_rest_on_the_block() -> None:
     model = steak_scene().compile()
     data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, nstep=3000)
+    mujoco.mj_step(model, data, nstep=5000)
     soft = model.body_rootid == model.body("steak").id
     speed = data.cvel[soft, 3:]
-    assert np.abs(speed).max() < 1e-4  # [m/s], after 6 s
+    assert np.abs(speed).max() < 1e-4  # [m/s], after 10 s
     assert data.subtree_com[model.body("steak").id][2] > 0.04  # [m]: on the block, not on the worktop
 
 

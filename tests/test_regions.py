@@ -33,8 +33,9 @@ def test_as_many_regions_as_samples_with_all_the_frames_of_their_voxels(samples)
         assert frames == tuple(used)
 
 
-def test_fit_error_is_that_of_least_squares():
-    regions = split_regions(GRID, WEIGHTS, len(SETS) + 4)
+@pytest.mark.parametrize("samples", [3, len(SETS) + 4])
+def test_fit_error_is_that_of_least_squares(samples):
+    regions = split_regions(GRID, WEIGHTS, samples)
     for e, frames in enumerate(regions.frames):
         voxels = np.flatnonzero(regions.label == e)
         linear = np.column_stack([np.ones(len(voxels)), GRID.centers[voxels]])

@@ -22,7 +22,7 @@ class Model:
         self.control = control_points(grid, self.weights)
         self.regions = split_regions(grid, self.weights, samples)
         self.tree = elimination_tree(self.regions.frames, frames)
-        self.stiffness = region_stiffness(grid, self.weights, self.control, self.regions, self.tree)
+        self.stiffness = region_stiffness(grid, self.weights, self.control, self.regions, self.tree, relax=False)
 
     def energies(self, moved: np.ndarray) -> np.ndarray:
         """½ uᵀ K_e u of each region for the displacements (k, 3) of the control points."""
