@@ -23,7 +23,8 @@ def test_one_region_for_each_set_of_frames_but_those_of_a_single_voxel():
     regions = split_regions(GRID, WEIGHTS, len(SETS) - len(films))
     assert set(regions.frames) == SETS - films
     for e, members in zip(regions.label, rows, strict=True):
-        assert set(members) < set(regions.frames[e]) if members in films else members == regions.frames[e]
+        alone = len(members) == 1  # and where such voxels are thin, they are part of what lies around
+        assert set(members) <= set(regions.frames[e]) if alone else members == regions.frames[e]
 
 
 @pytest.mark.parametrize("samples", [1, 2, 5, 60])
