@@ -89,7 +89,10 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
         parent=arrays["parent"],
         fixed=int(arrays["fixed"]),
         control=ControlPoints(
-            **{name: arrays[f"control_{name}"] for name in ("frame", "rest", "mass", "basis", "center", "scale", "axes")}
+            **{
+                name: arrays[f"control_{name}"]
+                for name in ("frame", "rest", "mass", "basis", "center", "scale", "axes")
+            }
         ),
         stiffness=Stiffness(
             points=tuple(np.split(arrays["region_points"], ends)),

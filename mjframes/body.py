@@ -28,7 +28,6 @@ from mjframes.tree import depth_first, frame_tree
 from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind, frame_weights
 
-
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
 
 
@@ -157,7 +156,9 @@ def build(
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
     spheres = contact_points(surface, volume, contact_radius)
-    sphere_weights = control_weights(surface_weights(grid, shape_functions, spheres.positions), control, spheres.positions)
+    sphere_weights = control_weights(
+        surface_weights(grid, shape_functions, spheres.positions), control, spheres.positions
+    )
     patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
     return SoftBody(
         parent=tree.parent,

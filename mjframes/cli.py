@@ -70,11 +70,15 @@ def build(arguments: argparse.Namespace) -> int:
         if arguments.largest:
             volume = largest_piece(volume)
         body = build_body(
-            volume, frames=arguments.frames, samples=arguments.samples, seed=arguments.seed,
+            volume,
+            frames=arguments.frames,
+            samples=arguments.samples,
+            seed=arguments.seed,
             frame_type=arguments.frame_type,
             weights=arguments.weights,
             subdivisions=arguments.subdivisions,
-            relax=arguments.relax, progress=status.update
+            relax=arguments.relax,
+            progress=status.update,
         )
         status.update("writing")
         spec = standalone_scene(body, volume, contact=arguments.contact)

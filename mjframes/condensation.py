@@ -126,9 +126,7 @@ def elastic_matrix(by_lam: Array, by_mu: Array) -> Array:
     return matrix
 
 
-def relaxed_matrix(
-    parts: list[Products], length: float, cells: CellGrid | None, lam: Array, mu: Array
-) -> Array:
+def relaxed_matrix(parts: list[Products], length: float, cells: CellGrid | None, lam: Array, mu: Array) -> Array:
     """K_e (3m, 3m) of the region whose points are in `parts`.
 
     length: [m] of one unit of `place`.  cells: around the region's voxels, or None for monomials only.
@@ -197,7 +195,12 @@ def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: in
     """For nodal functions v: the rows (7 + 5f, N), μ ∇W_j · ∇v (m, N), and K between v and all others (3N, 3u)."""
     u, _, g = columns.shape
     e, lam, mu = (np.array([part.material[k] for part in parts]) for k in range(3))
-    of_columns, of_one, of_weights, of_stretch = (slice(0, g), slice(g, g + 1), slice(g + 1, g + 1 + f), slice(g + 1 + f, None))
+    of_columns, of_one, of_weights, of_stretch = (
+        slice(0, g),
+        slice(g, g + 1),
+        slice(g + 1, g + 1 + f),
+        slice(g + 1 + f, None),
+    )
 
     def moment(factor: Array, which: slice) -> Array:
         return sum(k * part.moments[:, :, which] for k, part in zip(factor, parts, strict=True) if part.moments is not None)  # fmt: skip

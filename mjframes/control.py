@@ -163,7 +163,9 @@ def control_weights(
     j = np.repeat(first[weights_rows.indices], repeats) + within
     row = np.repeat(np.repeat(np.arange(len(points)), np.diff(weights_rows.indptr)), repeats)
     phi = np.einsum("ql,ql->q", control.basis[j], monomials(control, j, points[row]))
-    return sparse.csr_array((np.repeat(weights_rows.data, repeats) * phi, (row, j)), shape=(len(points), len(control.frame)))
+    return sparse.csr_array(
+        (np.repeat(weights_rows.data, repeats) * phi, (row, j)), shape=(len(points), len(control.frame))
+    )
 
 
 def _by_frame(control: ControlPoints, chosen: NDArray[np.int64]) -> list[NDArray[np.int64]]:

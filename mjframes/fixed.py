@@ -36,9 +36,13 @@ def fixed_cores(grid: Grid, fixed: Sequence[Fixed]) -> tuple[NDArray[np.int64], 
         chosen = mask[tuple(grid.index.T)]
         chosen |= (grid.piece >= 0) & np.isin(grid.piece, grid.piece[chosen])
         if not chosen.any():
-            raise MjframesError(f"fixed[{number}] has a mask with no voxel inside the volume; it must have one or more.")
+            raise MjframesError(
+                f"fixed[{number}] has a mask with no voxel inside the volume; it must have one or more."
+            )
         if (chosen & taken).any():
-            raise MjframesError(f"fixed[{number}] overlaps an earlier piece; a voxel or rigid piece can be in one only.")
+            raise MjframesError(
+                f"fixed[{number}] overlaps an earlier piece; a voxel or rigid piece can be in one only."
+            )
         taken |= chosen
         cores.append(np.flatnonzero(chosen))
     return tuple(cores)

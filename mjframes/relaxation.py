@@ -168,7 +168,9 @@ def _pieces(
         return _linear_fit(grid, weights, part[1], frames[part[0]]) if part[2] else None
 
     fits = list(in_parallel(fit, split))
-    uneven = sum(len(members) for (_, members, relaxes), fit in zip(split, fits, strict=True) if relaxes and fit is None)
+    uneven = sum(
+        len(members) for (_, members, relaxes), fit in zip(split, fits, strict=True) if relaxes and fit is None
+    )
     work = WORK / max(1, uneven) + WORK_A_VOXEL
 
     def piece(k: int) -> Piece:

@@ -33,7 +33,9 @@ def rewritten(path: Path, changes: dict[str, np.ndarray | None]) -> str:
 
 def test_a_soft_body_comes_back_to_the_bit(saved: Path) -> None:
     original, loaded = lump(0.5, 0.01), SoftBody.load(str(saved))
-    fields = replace(loaded.fields, weights=original.fields.weights)  # the voxels' weights are saved in single precision
+    fields = replace(
+        loaded.fields, weights=original.fields.weights
+    )  # the voxels' weights are saved in single precision
     for before, after in zip(leaves(original), leaves(replace(loaded, fields=fields)), strict=True):
         np.testing.assert_array_equal(before, after)
     rounding = abs(loaded.fields.weights - original.fields.weights)
