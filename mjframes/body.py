@@ -118,9 +118,9 @@ def build(
     frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the paper's
     integration samples).  frame_type: "affine" (12 degrees of freedom) or "quadratic" (30), for all frames or a
     sequence with one for each.  weights: "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
-    relax: let the material of each region relax within it.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a
-    voxel unless given.  fixed: pieces that do not move in the body that the soft body is attached to; each is a frame
-    of its own, beside those asked for.  progress: called with the name of each stage.
+    relax: let the material of each region relax within it.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of
+    the contact spheres [m], half a voxel unless given.  fixed: pieces that do not move in the body that the soft body
+    is attached to; each is a frame of its own, beside those asked for.  progress: called with the name of each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
     try:

@@ -1,6 +1,6 @@
 """Equimomental control points: every frame as 4 or 10 point masses (the paper, equations (3) and (8), row sums).
 
-x(p̄) = Σ_j W_j(p̄) x_j with W_j = w_i φ_k, for a frame of polynomial order n with d = 4 (affine) or 10 (quadratic) points.
+x(p̄) = Σ_j W_j(p̄) x_j with W_j = w_i φ_k, for a frame of order n with d = 4 (affine) or 10 (quadratic) points.
 Let ψ be the monomials of order n made orthonormal under dm/m, constant first, dm = ρ w_i dV, and Q orthogonal with a
 constant first column. Then φ_k = Σ_l Q_kl ψ_l / √d satisfies
 

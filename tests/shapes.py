@@ -60,8 +60,8 @@ def thread_of_three_arms(
     """Threads that meet in one voxel; two of them diagonal, so that neighbours touch at edges only.
 
     first, second: steps from the fork to the positions on the diagonal arms.  label: of the second arm.
-    Returns the grid, a position on each arm, the third arm's voxels with their distance t from the fork, and the distances of
-    the three positions from the fork [m].
+    Returns the grid, a position on each arm, the third arm's voxels with their distance t from the fork, and the
+    distances of the three positions from the fork [m].
     """
     size = 40
     labels = np.zeros((2 * size + 1, size + 61, 1), np.uint8)

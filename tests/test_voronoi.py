@@ -48,7 +48,7 @@ def test_interpolation_and_extrapolation_on_a_forked_thread():
 
 
 def test_two_surfaces_may_cross_the_same_edge():
-    """Frame 0 is two soft steps c from the fork, frame 1 one step of 0.6 c: ½ and ¼ both lie on the edge at the fork."""
+    """Frame 0 is two soft steps c from the fork, frame 1 one of 0.6 c: ½ and ¼ both lie on the edge at the fork."""
     grid, at, arm, _, _, length = thread_of_three_arms(2, 1, label=2)
     weights = voronoi_weights(grid, place_frames(grid, at=at), 3).toarray()[arm[0][5:-5]]
     t, c = arm[1][5:-5], 0.01 * np.sqrt(2)
