@@ -19,6 +19,7 @@ from mjframes.fields import Fields
 from mjframes.fixed import Fixed, fixed_cores
 from mjframes.grid import voxel_grid
 from mjframes.material import Material
+from mjframes.null_modes import hold_null_modes
 from mjframes.patches import group_patches
 from mjframes.placement import place_frames
 from mjframes.regions import split_regions
@@ -152,6 +153,7 @@ def build(
     progress("summing the stiffness")
     control = control_points(grid, shape_functions, types)
     stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax)
+    stiffness = hold_null_modes(stiffness, control)
     progress("attaching the surfaces")
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))

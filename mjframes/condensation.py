@@ -96,8 +96,8 @@ def add_points(
     """Add points to `total`, each of `volume` [m³].
 
     place: (s, 3) in the region, from −1 to 1.  weights: (s, f) w_i, slopes: (s, f, 3) ∇w_i [1/m].  functions: (s, m)
-    W_j, gradients: (s, m, 3) ∇W_j [1/m].  in_cells: the cell (s,) of each point and its place (s, 3) in it, from 0 to 1,
-    or None without cells.
+    W_j, gradients: (s, m, 3) ∇W_j [1/m].  in_cells: the cell (s,) of each point and its place (s, 3) in it, from
+    0 to 1, or None without cells.
     """
     f, m = weights.shape[1], functions.shape[1]
     g = 3 * m + _LOWER
@@ -139,12 +139,12 @@ def relaxed_matrix(parts: list[Products], length: float, cells: CellGrid | None,
     g = len(parts[0].mean)
     # gradients of all functions in terms of the columns: (u, 3, G)
     columns = np.zeros((m + len(slopes), 3, g))
-    columns[:m, :, : 3 * m] = np.eye(3 * m).reshape(m, 3, 3 * m) if g else 0
+    columns[:m, :, : 3 * m] = np.eye(3 * m).reshape(m, 3, 3 * m)
     columns[m:, :, 3 * m :] = slopes
     spread = columns.reshape(-1, g)
 
     def total(factor: Array, name: str) -> Array:
-        return sum(k * getattr(part, name) for k, part in zip(factor, parts, strict=True))
+        return np.sum([k * getattr(part, name) for k, part in zip(factor, parts, strict=True)], axis=0)
 
     gram_mu = spread @ total(by_mu, "gram") @ spread.T
     energy = elastic_matrix(spread @ total(by_lam, "gram") @ spread.T, gram_mu)
@@ -158,18 +158,22 @@ def relaxed_matrix(parts: list[Products], length: float, cells: CellGrid | None,
             np.hstack([total(e, "stretch"), stretch_by]),
         ]
     )
-    h1 = np.einsum("jaka->jk", gram_mu.reshape(len(columns), 3, -1, 3))[:m]
+    # Seen by the shape alone: moduli that differ would see a bit of everything, and then hold next to nothing.
+    one = np.ones(len(parts))
+    seen = np.vstack([total(one, "sums")[:, :m], total(one, "mean")[: 3 * m].reshape(m, 3).T, total(one, "stretch")])
+    unseen = _null_space(seen)
+    h1 = unseen @ np.einsum("jaka->jk", gram_mu.reshape(len(columns), 3, -1, 3))[:m]
     u = len(energy)
     held, free = slice(0, 3 * m), slice(3 * m, None)
     if cells is None:
-        constraints = np.kron(_constraints(rows, h1, m), np.eye(3))
+        constraints = _by_component(_constraints(rows[:, m:], h1[:, m:]))
         energy[free, held] -= constraints.T @ (constraints @ energy[free, held])
         return _minimum(energy, np.hstack([np.zeros((len(constraints), 3 * m)), constraints]), 3 * m)
 
     nodal_rows, nodal_h1, coupling = _nodal(cells, parts, columns, f, m)
-    constraints = _constraints(np.hstack([rows, nodal_rows]), np.hstack([h1, nodal_h1]), m)
-    monomial, nodal = (np.kron(part, np.eye(3)) for part in np.split(constraints, [len(slopes)], axis=1))
-    # What the constraints take up need not be solved for: uniform strain then loads v by zeros, not by small differences.
+    constraints = _constraints(np.hstack([rows[:, m:], nodal_rows]), np.hstack([h1[:, m:], unseen @ nodal_h1]))
+    monomial, nodal = (_by_component(part) for part in np.split(constraints, [len(slopes)], axis=1))
+    # What the constraints take up need not be solved for: uniform strain then loads v by zeros.
     taken = monomial @ energy[free, held] + nodal @ coupling[:, held]
     energy[free, held] -= monomial.T @ taken
     coupling[:, held] -= nodal.T @ taken
@@ -187,7 +191,7 @@ def relaxed_matrix(parts: list[Products], length: float, cells: CellGrid | None,
 def plain_matrix(parts: list[Products]) -> Array:
     """Φᵀ K Φ (3m, 3m) of the points in `parts`."""
     size = 3 * parts[0].stretch.shape[1]
-    by_lam, by_mu = (sum(part.material[k] * part.gram[:size, :size] for part in parts) for k in (1, 2))
+    by_lam, by_mu = (np.sum([part.material[k] * part.gram[:size, :size] for part in parts], axis=0) for k in (1, 2))
     return elastic_matrix(by_lam, by_mu)
 
 
@@ -195,15 +199,12 @@ def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: in
     """For nodal functions v: the rows (7 + 5f, N), μ ∇W_j · ∇v (m, N), and K between v and all others (3N, 3u)."""
     u, _, g = columns.shape
     e, lam, mu = (np.array([part.material[k] for part in parts]) for k in range(3))
-    of_columns, of_one, of_weights, of_stretch = (
-        slice(0, g),
-        slice(g, g + 1),
-        slice(g + 1, g + 1 + f),
-        slice(g + 1 + f, None),
-    )
+    of_columns, of_one = slice(0, g), slice(g, g + 1)
+    of_weights, of_stretch = slice(g + 1, g + 1 + f), slice(g + 1 + f, None)
+    moments = [part.moments for part in parts if part.moments is not None]
 
     def moment(factor: Array, which: slice) -> Array:
-        return sum(k * part.moments[:, :, which] for k, part in zip(factor, parts, strict=True) if part.moments is not None)  # fmt: skip
+        return np.sum([k * part[:, :, which] for k, part in zip(factor, moments, strict=True)], axis=0)
 
     def along(moments: Array) -> Array:
         """(3, N, …) with the derivatives of the nodal functions."""
@@ -223,18 +224,28 @@ def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: in
     return rows, trace[:, :m].T, coupling.reshape(-1, 3 * u)
 
 
-def _constraints(rows: Array, h1: Array, m: int) -> Array:
-    """Orthonormal rows on v, from `rows` on the m control weights and v, and from `h1` for weights no row sees."""
-    size = np.linalg.norm(rows, axis=1)
-    rows = rows[size > 0] / size[size > 0, None]
-    _, value, right = np.linalg.svd(rows[:, :m])
-    unseen = right[np.count_nonzero(value > DEPENDENT * value[0]) :]
-    rows = np.vstack([rows, unseen @ h1])[:, m:]
-    size = np.linalg.norm(rows, axis=1)
-    rows = rows[size > DEPENDENT * size.max()]
-    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    _, value, right = np.linalg.svd(rows, full_matrices=False)
+def _null_space(rows: Array) -> Array:
+    """(z, m) orthonormal vectors that none of the rows (r, m) sees."""
+    _, value, right = np.linalg.svd(_unit_rows(rows))
+    return right[np.count_nonzero(value > DEPENDENT * value[0]) :]
+
+
+def _constraints(rows: Array, h1: Array) -> Array:
+    """Orthonormal rows that span those of both, without the ones that depend on others, or are but rounding."""
+    size = np.linalg.norm(h1, axis=1)
+    h1 = h1[size > DEPENDENT * np.max(size, initial=0)]
+    _, value, right = np.linalg.svd(_unit_rows(np.vstack([rows, h1])), full_matrices=False)
     return right[value > DEPENDENT * value[0]]
+
+
+def _by_component(rows: Array) -> Array:
+    """(3r, 3v) the same rows (r, v) for each of the three components."""
+    return np.asarray(np.kron(rows, np.eye(3)), np.float64)
+
+
+def _unit_rows(rows: Array) -> Array:
+    size = np.linalg.norm(rows, axis=1)
+    return rows[size > 0] / size[size > 0, None]
 
 
 def _minimum(energy: Array, constraints: Array, held: int, give: Array | None = None) -> Array:

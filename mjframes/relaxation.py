@@ -29,13 +29,13 @@ Array = NDArray[np.float64]
 
 BLOCK = 1024  # [voxels] of one matrix product: its gradients fit the cache
 SHARE = 1 << 14  # [voxels] that one thread sums up at a time
-THIN = 6  # [voxels] mean thickness from which on bending is right to 1/THIN² with one point a voxel
+THIN = 10  # [voxels] mean thickness from which one point a voxel is enough, bending then right to 1/THIN²
 FLAT = 1e-9  # [-] relative second moment below which a piece has no extent in a direction
 GAUSS = 0.5 / 3**0.5  # [voxels] from the centre to Gauss's two points; other rules may exceed exact integrals of v
 MINOR = 0.01  # [-] share of a region's voxels below which a piece does not relax: it matters too little
 HOMOGENEOUS = 3.0  # [-] largest to smallest E up to which a region's weights may be replaced by their linear fit …
 NEARLY_LINEAR = 0.1  # [-] … if their rms residual is below this
-WORK, WORK_A_VOXEL = 1.5e9, 1e4  # [flop] that all eliminations together may take: about 0.1 s, and 0.5 µs a voxel
+WORK, WORK_A_VOXEL = 2e9, 1e4  # [flop] that all eliminations together may take: about 0.1 s, and 0.5 µs a voxel
 COARSEST = 3  # [cells] along a region's longest axis; fewer add nothing to the monomials
 
 
@@ -43,9 +43,10 @@ COARSEST = 3  # [cells] along a region's longest axis; fewer add nothing to the 
 class Piece:
     """A face-connected piece of a region.
 
-    region: its number.  relaxes: unless it is what is left of a region, too small to matter.  voxels: (n,).  center: (3,) and length: where monomials have their origin, and their unit [m].
-    offsets: (q, 3) of the points from the voxel's centre [voxels].  fit: (4, f) constant and slope of linear weights
-    about `center`, or None for the weights as they are.  cells: or None.
+    region: its number.  relaxes: unless it is what is left of a region, too small to matter.  voxels: (n,).
+    center: (3,) and length: origin and unit of the monomials [m].  offsets: (q, 3) of the points from their voxel's
+    centre [voxels].  fit: (4, f) constant and slope of linear weights about `center`, or None for the weights as they
+    are.  cells: or None for monomials only.
     """
 
     region: int
@@ -65,10 +66,7 @@ def relaxed_regions(
     voxels: list[NDArray[np.int32]],
     frames: list[NDArray[np.int64]],
 ) -> list[tuple[Array, Array]]:
-    """Σ E ∇W_j dV (m, 3) and K_e (3m, 3m) of each region that has some voxels and is not left out.
-
-    voxels, frames: of each region; weights (n, f).
-    """
+    """Σ E ∇W_j dV (m, 3) and K_e (3m, 3m) of regions; voxels, frames: of each, the frames with all their weight."""
     label = np.full(len(grid.index), -1, np.int32)
     for e, some in enumerate(voxels):
         label[some] = e
@@ -168,14 +166,12 @@ def _pieces(
         return _linear_fit(grid, weights, part[1], frames[part[0]]) if part[2] else None
 
     fits = list(in_parallel(fit, split))
-    uneven = sum(
-        len(members) for (_, members, relaxes), fit in zip(split, fits, strict=True) if relaxes and fit is None
-    )
+    uneven = sum(len(part[1]) for part, even in zip(split, fits, strict=True) if part[2] and even is None)
     work = WORK / max(1, uneven) + WORK_A_VOXEL
 
     def piece(k: int) -> Piece:
         e, members, relaxes = split[k]
-        return _piece(grid, e, relaxes, members, fits[k], component, work * len(members), 3 * len(frames[e]))
+        return _piece(grid, e, relaxes, members, fits[k], component, work * len(members), 27 * len(frames[e]) + 114)
 
     return list(in_parallel(piece, range(len(split))))
 
@@ -210,14 +206,15 @@ def _piece(
     work: float,
     columns: int,
 ) -> Piece:
-    """One piece; work: [flop] that eliminating its cells' nodes may take, for so many columns of constraints."""
+    """One piece; work: [flop] that eliminating its cells' nodes may take, for so many right-hand sides."""
     centers = grid.points(voxels)
     center = np.full(len(voxels), 1 / len(voxels)) @ centers
     index = grid.index[voxels]
     length = 0.5 * float(np.linalg.norm((np.ptp(index, axis=0) + 1) * grid.spacing))
     young = grid.per_material("young")
     thickness = _thickness(grid.index, grid.padded, component, grid.material, young, voxels)
-    along = [(-GAUSS, GAUSS) if t < THIN else (0.0,) for t in thickness]
+    thin = (thickness < THIN) & (np.argsort(np.argsort(thickness, kind="stable")) < 2)
+    along = [(-GAUSS, GAUSS) if two else (0.0,) for two in thin]
     cells = _cells(grid, index, work, columns) if relaxes and fit is None else None
     return Piece(region, relaxes, voxels, center, length, np.array(list(product(*along))), fit, cells)
 

@@ -39,6 +39,11 @@ class Stiffness:
     matrix: tuple[NDArray[np.float64], ...]
     volume: NDArray[np.float64]
 
+    @property
+    def spectrum(self) -> tuple[NDArray[np.float64], ...]:
+        """(3m,) eigenvalues of each K_e, ascending [N/m]: six zeros, then the softest ways to strain the region."""
+        return tuple(np.asarray(np.linalg.eigvalsh(matrix), np.float64) for matrix in self.matrix)
+
 
 def region_stiffness(
     grid: Grid,
@@ -70,7 +75,9 @@ def region_stiffness(
             material = grid.material[some[0]]
             gradients[e] += young[material] * gradient
             moduli[e] += young[material] * len(some)
-            matrices[e] += _hooke(lam[material] * grid.cell_volume, mu[material] * grid.cell_volume, product)
+            matrices[e] += _hooke(
+                float(lam[material]) * grid.cell_volume, float(mu[material]) * grid.cell_volume, product
+            )
     parts = relaxed_regions(grid, weights, control, [voxels[e] for e in relaxing], [frames[e] for e in relaxing])
     for e, (gradient, matrix) in zip(relaxing, parts, strict=True):
         gradients[e], matrices[e] = gradient.ravel(), matrix

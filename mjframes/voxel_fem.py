@@ -83,7 +83,7 @@ def cell_grid(index: NDArray[np.integer], spacing: Array, axes: Array, factor: i
 
 
 def elimination_cost(size: NDArray[np.integer], factor: int, columns: int) -> float:
-    """Upper bound [flop] of `condense` for cells of `factor`³ voxels in a box of `size` (3,) voxels, with so many columns."""
+    """Upper bound [flop] of `condense` for cells of `factor`³ voxels in a box of `size` (3,) voxels."""
     nodes = np.sort(-(-size // factor) + 1)
     rows = 3.0 * nodes[0] * nodes[1]
     return float(nodes[2] * rows * (2.4 * rows**2 + 3 * rows * columns + columns**2))
