@@ -153,7 +153,8 @@ def build(
     progress("summing the stiffness")
     control = control_points(grid, shape_functions, types)
     stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax)
-    stiffness = hold_null_modes(stiffness, control)
+    if not cores:  # a null mode moves all frames of its chain, so a fixed one holds it
+        stiffness = hold_null_modes(stiffness, control)
     progress("attaching the surfaces")
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
