@@ -30,7 +30,8 @@ def null_modes(stiffness: Stiffness, control: ControlPoints) -> NDArray[np.float
     value, vector = np.linalg.eigh(total * scale * scale[:, None])
     found = scale[:, None] * vector[:, value < NULL * value[-1]]
     basis, size, _ = np.linalg.svd(found - found.mean(axis=0), full_matrices=False)  # one direction less
-    return basis[:, size > NULL**0.5 * size.max(initial=0)].T
+    # Without a null mode what remains of the constant is rounding alone: measured against what was found, not itself.
+    return basis[:, size > NULL**0.5 * np.linalg.norm(found)].T
 
 
 def hold_null_modes(stiffness: Stiffness, control: ControlPoints) -> Stiffness:

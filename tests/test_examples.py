@@ -26,5 +26,5 @@ def test_steak_leaves_film_plot_and_log(tmp_path: Path) -> None:
     for name in ("steak.mp4", "steak.png", "steak.mcap", "steak.xml"):
         assert (tmp_path / name).stat().st_size > 1000
     assert recording.energy_gain < 1e-3  # [J]
-    assert recording.penetration < 5e-3  # [m]
+    assert recording.penetration < 8e-3  # [m]: it lands at 1.2 m/s on contacts with a time constant of 5 ms
     assert len(read_log(tmp_path / "steak.mcap").messages["/state"]) == recording.steps

@@ -244,6 +244,16 @@ def test_hats_have_a_null_mode_and_holding_it_changes_no_deflection():
     np.testing.assert_allclose(strains[1], strains[0], atol=1e-7 * np.abs(strains[0]).max())
 
 
+def test_bodies_without_null_modes_are_left_as_they_are():
+    grid = voxel_grid(mixed())
+    weights = voronoi_weights(grid, place_frames(grid, 3))
+    regions = split_regions(grid, weights, 6)
+    control = control_points(grid, weights)
+    stiffness = region_stiffness(grid, weights, control, regions, elimination_tree(regions.frames, 3))
+    assert len(null_modes(stiffness, control)) == 0
+    assert all(a is b for a, b in zip(hold_null_modes(stiffness, control).matrix, stiffness.matrix, strict=True))
+
+
 def test_uniform_strain_moves_no_held_mode():
     stiffness, control = homogeneous(0.3).reduced(5, True)
     moved = control.rest @ np.random.default_rng(3).normal(size=(3, 3)).T
