@@ -11,7 +11,7 @@ import pytest
 from scenes import beam, compiled, dense_constraints, dense_inertia, distorted, lump, move_points
 from scipy.optimize import brentq
 
-from mjframes.mjcf import decode
+from mjframes.configuration import decode
 from mjframes.view import Soft, soft
 
 # A soft body on an arm comes down on the obstacle.
