@@ -240,7 +240,7 @@ def _add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], 
         weights = sparse.csc_array(skin.weights[used] @ gather)
         weights.data[np.abs(weights.data) < SKIN_WEIGHT] = 0
         weights.eliminate_zeros()
-        bones = np.flatnonzero(np.diff(weights.indptr))
+        bones = np.flatnonzero(np.diff(weights.indptr)).tolist()
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
         spec.add_skin(

@@ -113,6 +113,8 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   const SoftBody* body2 = GetSoftBody(m, d, m->geom_plugin[g2]);
   if (!body1 && !body2) return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
   if (body1 && body2) return 0;  // soft bodies pass through each other
+  const SoftBody* body = body1 ? body1 : body2;
+  if (body->kinematics().IsHeldBy(m, m->geom_bodyid[body1 ? g2 : g1])) return 0;
   if (body2) {
     const Patch* patch = body2->FindPatch(g2);
     return patch ? CollidePatch(*body2, *patch, m, d, con, g1, g2, margin) : 0;
@@ -280,7 +282,9 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       scratch->omega[j] = 0;
       for (int s = found[next].begin; s < found[next].end; s++) scratch->omega[j] += scratch->blend[s] * weight[s];
     }
-    body->kinematics().PointShares(patch->point, scratch->omega.data(), &scratch->share);
+    const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+    body->kinematics().PointShares(patch->point, scratch->omega.data(), body->kinematics().PositionToLocal(d, position),
+                                   &scratch->share);
     for (int r = 0; r < RowCount(m, contact); r++) {
       WriteRow(body->kinematics(), scratch->share, m, d, contact, r, side);
     }

@@ -193,6 +193,10 @@ Vec3 Kinematics::WorldPosition(const mjData* d, int j) const {
   return point.offset ? origin + Mul(Orientation(d->xmat + 9 * point.body), point.local) : origin;
 }
 
+Vec3 Kinematics::PositionToLocal(const mjData* d, const Vec3& position) const {
+  return ToLocal(d, position - Position(d->xpos + 3 * holder_));
+}
+
 Mat3 Kinematics::Axes(const mjData* d) const { return Orientation(d->xmat + 9 * holder_); }
 
 void Kinematics::Gather(const mjModel* m, const mjData* d) {
@@ -349,14 +353,17 @@ void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale,
   }
 }
 
-void Kinematics::PointShares(const std::vector<int32_t>& point, const double* omega, std::vector<Share>* shares) const {
+void Kinematics::PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,
+                             std::vector<Share>* shares) const {
+  Vec3 lever = position;
+  for (size_t i = 0; i < point.size(); i++) lever = lever - omega[i] * x_[point[i]];
   std::fill(shares->begin(), shares->end(), Share{});
   for (size_t i = 0; i < point.size(); i++) {
     const int n = points_[point[i]].node;
     if (n < 0) continue;
     Share& share = (*shares)[n];
     share.weight += omega[i];
-    share.moment = share.moment + omega[i] * x_[point[i]];
+    share.moment = share.moment + omega[i] * (x_[point[i]] + lever);
   }
   for (size_t n = nodes_.size(); n-- > 0;) {
     if (nodes_[n].parent < 0) continue;
@@ -364,6 +371,16 @@ void Kinematics::PointShares(const std::vector<int32_t>& point, const double* om
     into.weight += (*shares)[n].weight;
     into.moment = into.moment + (*shares)[n].moment;
   }
+}
+
+bool Kinematics::IsHeldBy(const mjModel* m, int body) const {
+  for (const ControlPoint& point : points_) {
+    if (m->body_jntnum[point.body] > 0) continue;
+    // a piece held by the body that the soft body was attached to hangs in the holder, which is in that body
+    const int outer = m->body_parentid[point.body];
+    if (body == outer || (outer == holder_ && body == m->body_parentid[holder_])) return body > 0;
+  }
+  return false;
 }
 
 double Kinematics::RowEntry(const Share& share, const Vec3& direction, int n, int a) const {

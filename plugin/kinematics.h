@@ -87,8 +87,10 @@ class Kinematics {
   // Where control point j is in the world; needs d alone, so that several threads may ask.
   Vec3 WorldPosition(const mjData* d, int j) const;
 
-  // Replaces the shares (one a node) by those of the point Σ_j ω_j x_j.
-  void PointShares(const std::vector<int32_t>& point, const double* omega, std::vector<Share>* shares) const;
+  // Replaces the shares (one a node) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft body's
+  // axes): a lever that turns with the bodies.
+  void PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,
+                   std::vector<Share>* shares) const;
 
   // Velocity of that point along `direction` (soft body's axes) for a unit rate of degree of freedom a of node n.
   double RowEntry(const Share& share, const Vec3& direction, int n, int a) const;
@@ -96,8 +98,12 @@ class Kinematics {
   // The node that has degree of freedom `dof`, −1 for none.
   int NodeOfDof(int dof) const;
 
-  // The soft body's axes in the world, and a world direction in them.
+  // Whether a piece of the soft body is fixed to this body of the scene.
+  bool IsHeldBy(const mjModel* m, int body) const;
+
+  // The soft body's axes in the world, a world direction and a world position in them.
   Mat3 Axes(const mjData* d) const;
+  Vec3 PositionToLocal(const mjData* d, const Vec3& position) const;
   Vec3 ToLocal(const mjData* d, const Vec3& direction) const { return MulT(Axes(d), direction); }
 
   // Whether nodes are more than slides along the soft body's axes.

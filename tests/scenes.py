@@ -188,3 +188,11 @@ def distort(
         move_points(model, data, view, distorted(view.control_positions, rng, mirrored=mirrored))
     data.qvel[:] = speed * rng.normal(size=model.nv)
     mujoco.mj_forward(model, data)
+
+
+def jumble(model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, length: float, angle: float) -> None:
+    """Random coordinates of any joints, ±length [m] of slides and ±angle of the others; calls mj_forward."""
+    mujoco.mj_resetData(model, data)
+    slides = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_SLIDE
+    mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, model.nv) * np.where(slides, length, angle), 1.0)
+    mujoco.mj_forward(model, data)
