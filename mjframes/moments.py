@@ -1,14 +1,15 @@
 """Points and weights that integrate polynomials exactly over a set of voxels (the paper, §5.3).
 
 Σ_q V_q p(y_q) = ∫ p dV for all polynomials p of degree ≤ n: the weights V_q > 0 and the points y_q match the volume's
-moments ∫ y_1^a y_2^b y_3^c dV, a + b + c ≤ n, with the voxels' own extent in them. Degree 1 takes the centroid, degree 2
-the tetrahedron c + L t_k (the second central moment is L Lᵀ), as the control points do. For more, a rule for cubes or
-balls is bent until it fits, by Gauss and Newton's iteration with the shortest step: there are more unknowns (4 a
-point) than moments.
+moments ∫ y_1^a y_2^b y_3^c dV, a + b + c ≤ n, with the voxels' own extent in them. Degree 1 takes the centroid; degree
+2 the tetrahedron c + L t_k, L Lᵀ the second central moment, as the control points do. For more, a rule for cubes or
+balls is bent until it fits, by Gauss and Newton's iteration with the shortest step: there are more unknowns (4 a point)
+than moments. Where no such rule fits, the start is Tchakaloff's: no more points than moments, out of many inside.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from itertools import product
 from math import comb
@@ -16,15 +17,19 @@ from math import comb
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from mjframes.control import TETRAHEDRON
 
 Array = NDArray[np.float64]
 
 STEPS = 60  # of Gauss and Newton; 5 to 20 are usual
+SAMPLE = 2500  # points that Tchakaloff's are taken from
 LONGEST_STEP = 0.3  # [standard deviations]
 MATCHED = 1e-13  # [-] of the largest moment: residual of a rule that fits
-LEAST_WEIGHT = 1e-4  # [-] of the volume, of a point that is worth its cost
+LEAST_WEIGHT = 1e-5  # [-] of the volume, of a point that is worth its cost
+
+_AXES = np.eye(3, dtype=np.int64)
 
 
 def exponents(degree: int) -> NDArray[np.int64]:
@@ -50,10 +55,19 @@ def mean_monomials(
     return _sum_monomials(index, voxels, center, scale, exponents(degree), own) / len(voxels)
 
 
-def rule(mean: Array, degree: int) -> tuple[Array, Array] | None:
+def inside(index: NDArray[np.int32], voxels: NDArray[np.int32], center: Array, scale: Array) -> Array:
+    """y (s, 3) of Gauss's points in voxels spread over all of them: 5³ in each where few, 2³ where many."""
+    some = voxels[np.unique(np.linspace(0, len(voxels) - 1, SAMPLE // 8).astype(int))]
+    side = int(np.clip((SAMPLE / len(some)) ** (1 / 3) + 1e-9, 2, 5))
+    offset = 0.5 * np.array(list(product(np.polynomial.legendre.leggauss(side)[0], repeat=3)))
+    return ((index[some][:, None] + offset - center) / scale).reshape(-1, 3)
+
+
+def rule(mean: Array, degree: int, candidates: Callable[[], Array]) -> tuple[Array, Array] | None:
     """Points y (q, 3) and weights (q,), of sum 1, that match the means (p,) of the monomials up to `degree`.
 
-    The means of first order must be 0. None where no rule bends to fit.
+    The means of first order must be 0.  candidates: (s, 3) points inside, asked for where no known rule bends to fit.
+    None where they do not lead to a rule either.
     """
     if degree <= 1:
         return np.zeros((1, 3)), np.ones(1)
@@ -65,40 +79,51 @@ def rule(mean: Array, degree: int) -> tuple[Array, Array] | None:
     lower = np.linalg.cholesky(spread)
     if degree == 2:
         return 2 * TETRAHEDRON[:, 1:] @ lower.T, np.full(4, 0.25)
-    for start in _starts(degree):
-        if (found := _bend(start @ lower.T, mean, degree)) is not None:
+    for points, weights in _starts(degree):
+        if (found := _bend(points @ lower.T, weights, mean, degree)) is not None:
             return found
-    return None
+    points = candidates()
+    weights, _ = nnls(monomials(points, exponents(degree)), mean)
+    some = weights > LEAST_WEIGHT
+    return _bend(points[some], weights[some], mean, degree)
 
 
 @cache
-def _starts(degree: int) -> tuple[Array, ...]:
-    """Points of unit variance, few first: icosahedron; octahedron and cube; Gauss's points in a cube."""
+def _starts(degree: int) -> tuple[tuple[Array, Array], ...]:
+    """Points of unit variance with weights, few first: icosahedron; octahedron and cube; Gauss's rules for a cube."""
     golden = (1 + 5**0.5) / 2
     edges = [p for s, t in product((1, -1), (golden, -golden)) for p in ((0, s, t), (s, t, 0), (t, 0, s))]
     icosahedron = np.array(edges) * (3 / (1 + golden**2)) ** 0.5
     cube = np.array(list(product((-1, 1), repeat=3)), np.float64)
     octahedron = 3**0.5 * np.concatenate([np.eye(3), -np.eye(3)])
-    small = (icosahedron, np.concatenate([octahedron, cube])) if degree <= 4 else ()
-    sides = (3, 4) if degree <= 4 else (4, 5)
-    return (*small, *(3**0.5 * np.array(list(product(np.polynomial.legendre.leggauss(n)[0], repeat=3))) for n in sides))
+    even = (icosahedron, np.concatenate([octahedron, cube])) if degree <= 4 else ()
+    gauss = (np.polynomial.legendre.leggauss(n) for n in ((3, 4) if degree <= 4 else (4, 5)))
+    return (
+        *((points, np.full(len(points), 1 / len(points))) for points in even),
+        *(
+            (3**0.5 * np.array(list(product(x, repeat=3))), np.array(list(product(w / 2, repeat=3))).prod(axis=1))
+            for x, w in gauss
+        ),
+    )
 
 
-def _bend(y: Array, mean: Array, degree: int) -> tuple[Array, Array] | None:
-    """The rule near points y (q, 3) of equal weight that matches the means, if there is one of positive weights."""
+def _bend(y: Array, weights: Array, mean: Array, degree: int) -> tuple[Array, Array] | None:
+    """The rule near points y (q, 3) and weights (q,) that matches the means, if there is one of positive weights."""
     powers = exponents(degree)
     n, size = len(y), np.abs(mean).max()
-    root = np.full(n, n**-0.5)  # weights are squares
+    root = np.sqrt(weights)  # so that weights stay positive
     for _ in range(STEPS):
         values = monomials(y, powers)
         residual = values @ root**2 - mean
         if np.abs(residual).max() <= 1e-15 * size:
             break
-        slopes = [powers[:, [a]] * monomials(y, np.maximum(powers - np.eye(3, dtype=int)[a], 0)) for a in range(3)]
+        slopes = [powers[:, [a]] * monomials(y, np.maximum(powers - _AXES[a], 0)) for a in range(3)]
         jacobian = np.concatenate([*(slope * root**2 for slope in slopes), 2 * values * root], axis=1)
+        row = 1 / np.sqrt((jacobian**2).sum(axis=1))
+        jacobian *= row[:, None]
         gram = jacobian @ jacobian.T
         gram[np.diag_indices_from(gram)] += 1e-12 * np.trace(gram) / len(gram)
-        step = -jacobian.T @ np.linalg.solve(gram, residual)
+        step = -jacobian.T @ np.linalg.solve(gram, row * residual)
         step *= min(1.0, LONGEST_STEP / np.abs(step).max())
         y = y + step[: 3 * n].reshape(3, n).T
         root = root + step[3 * n :]

@@ -20,7 +20,7 @@ from mjframes.control import ControlPoints, points_of
 from mjframes.errors import MjframesError
 from mjframes.gradients import product_rule
 from mjframes.grid import Grid
-from mjframes.moments import mean_monomials, rule
+from mjframes.moments import inside, mean_monomials, rule
 from mjframes.regions import Regions, members_of
 from mjframes.threads import in_parallel
 from mjframes.tree import Tree
@@ -88,14 +88,17 @@ def quadrature(
     def place(k: int) -> tuple[Array, Array, Array]:
         return _points_of_cell(grid, control, cells[k], *fits[k], ENERGY_ORDER[strain])
 
-    parts: list[list[tuple[Array, Array, Array, NDArray[np.int64]]]] = [[] for _ in frames]
-    for cell, (position, volume, gradient) in zip(cells, in_parallel(place, range(len(cells))), strict=True):
-        parts[cell.region].append((position, volume, gradient, np.full(len(volume), cell.material)))
-    position, volume, gradient, material = (
-        tuple(np.concatenate([part[n] for part in region]) for region in parts) for n in range(4)
+    made = list(in_parallel(place, range(len(cells))))
+    of_region = [[k for k, cell in enumerate(cells) if cell.region == e] for e in range(len(frames))]
+    return Quadrature(
+        points=tuple(points_of(control, members)[0] for members in frames),
+        position=tuple(np.concatenate([made[k][0] for k in some]) for some in of_region),
+        volume=tuple(np.concatenate([made[k][1] for k in some]) for some in of_region),
+        gradient=tuple(np.concatenate([made[k][2] for k in some]) for some in of_region),
+        material=tuple(
+            np.repeat([cells[k].material for k in some], [len(made[k][1]) for k in some]) for some in of_region
+        ),
     )
-    points = tuple(points_of(control, members)[0] for members in frames)
-    return Quadrature(points, position, volume, gradient, material)
 
 
 def _linear_weights(
@@ -136,7 +139,8 @@ def _points_of_cell(
     order = 2 if control.basis[points, 4:].any() else 1
     degree = energy_order * (order - 1 + int(varies))
     deviation = np.sqrt(mean_monomials(grid.index, cell.voxels, center, np.ones(3), 2)[SQUARES])
-    found = rule(mean_monomials(grid.index, cell.voxels, center, deviation, degree), degree)
+    measured = (grid.index, cell.voxels, center, deviation)
+    found = rule(mean_monomials(*measured, degree), degree, lambda: inside(*measured))
     if found is None:
         raise MjframesError(
             f"no quadrature of degree {degree} fits the shape of region {cell.region}; change the number of samples."
