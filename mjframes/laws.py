@@ -34,7 +34,7 @@ CONSTANTS: dict[Law, tuple[str, ...]] = {
     "arruda_boyce": ("mu", "segments", "bulk"),
 }
 SEGMENTS = 8.0  # [-] N of arruda_boyce unless given: chains are straight at a stretch of 2.8 and more
-COLLAPSING = 1.5  # [-] I₁ below which ρ departs from it; from 0.9 on, no second minimum is left for ν ≥ 0
+COLLAPSING = 1.5  # [-] I₁ below which ρ departs from it; at 0.9 it would leave a second minimum for ν = 0
 CHAINS = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # Arruda and Boyce's series
 
 

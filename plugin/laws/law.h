@@ -29,7 +29,7 @@ struct Stretch {
 };
 
 // I₁ for those laws whose own f'(0) is not 0: ρ = I₁ from I₁ = kCollapsing on, which J ≥ 0.36 is enough for, and below
-// that a cubic with ρ'(0) = 0 and continuous ρ''. For ν ≥ 0 it leaves no second minimum; kCollapsing = 0.9 would.
+// that a cubic with ρ'(0) = 0 and continuous ρ''. At 1.5 no second minimum is left for ν ≥ 0, at 0.9 one is.
 inline constexpr double kCollapsing = 1.5;  // [-]
 
 inline Stretch RegularInvariant(double i1) {

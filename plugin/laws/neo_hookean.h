@@ -1,8 +1,8 @@
-// Stable neo-Hookean (Smith, de Goes, Kim, ACM TOG 37(2), 2018, equation 14), μ and K those of small strains:
+// Stable neo-Hookean (Smith, de Goes, Kim, ACM TOG 37(2), 2018), μ and K those of small strains:
 //
 //   ψ = 2/3 μ (I₁ − 3 − ln((I₁ + 1) / 4)) − μ (J − 1) + κ/2 (J − 1)²,   κ = K + μ/6
 //
-// Their μ is 4/3 of Hooke's and their λ = κ (their section 3.4); (J − α)² is multiplied out. f'(0) = 0.
+// Their μ is 4/3 of Hooke's and their λ is κ; λ/2 (J − α)² is multiplied out. f'(0) = 0.
 
 #ifndef MJFRAMES_PLUGIN_LAWS_NEO_HOOKEAN_H_
 #define MJFRAMES_PLUGIN_LAWS_NEO_HOOKEAN_H_
