@@ -14,8 +14,9 @@ Index letters: q deformation gradient; r, s its rows; a, b its columns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,12 @@ def law_parameters(law: Law, material: Material, **given: float) -> LawParameter
     if law == "arruda_boyce":
         _require(made, "segments", made.segments, 2 <= made.segments < np.inf, "at least 2 segments in a chain")
     return made
+
+
+def law_of_constants(law: str, constants: Sequence[float]) -> LawParameters:
+    """The parameters from what `constants` gave."""
+    names = ("c10", "c01", "bulk") if law == "mooney_rivlin" else ("mu", "segments", "bulk")
+    return LawParameters(cast(Law, law), **dict(zip(names, constants, strict=True)))
 
 
 def _require(made: LawParameters, name: str, value: float, holds: bool, condition: str) -> None:
