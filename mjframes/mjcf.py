@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import re
+from collections import Counter
 from collections.abc import Sequence
 
 import mujoco
@@ -171,8 +172,9 @@ def _add_patches(
 
 
 def _add_skins(spec: mujoco.MjSpec, body: SoftBody, name: str) -> None:
-    """One skin for each material that is seen."""
+    """One skin for each label that is seen, named after its material, if that is its alone."""
     skin, control = body.skin, body.control
+    names = Counter(["", "", *(body.materials[int(label)].name for label in np.unique(skin.label))])  # "" is no name
     for label in np.unique(skin.label):
         faces = skin.faces[skin.label == label]
         used, local = np.unique(faces, return_inverse=True)
@@ -183,7 +185,7 @@ def _add_skins(spec: mujoco.MjSpec, body: SoftBody, name: str) -> None:
         columns = [slice(weights.indptr[j], weights.indptr[j + 1]) for j in bones]
         material = body.materials[int(label)]
         spec.add_skin(
-            name=f"{name}_{material.name or label}",
+            name="_".join(filter(None, [name, material.name, "" if names[material.name] == 1 else str(label)])),
             vert=skin.vertices[used].ravel(),
             face=local.ravel(),
             rgba=material.rgba,
