@@ -95,7 +95,7 @@ def _collapse(x, faces, quadric, length, target):
 
 @njit(cache=True)
 def _list_corners(left, faces, first, last, following):
-    """The corners 3 f + c around each vertex, of the faces left, as linked lists: joining vertices joins their lists."""
+    """The corners 3 f + c around each vertex as linked lists, of the faces left; joining vertices joins their lists."""
     first[:] = -1
     for f in left:
         for c in range(3):
