@@ -41,7 +41,7 @@ def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
     assert not any(warning.number for warning in found.data.warning)
     x, stiffness = found.data.xpos[mf.soft(found.model, found.data, "knee").bodies], found.body.stiffness
     stretch = [np.linalg.det(x[p].T @ g) for p, g in zip(stiffness.points, stiffness.gradient, strict=True)]
-    assert min(stretch) > 0.1  # no region is inside out
+    assert min(stretch) > 0.05  # no region is inside out
 
 
 def test_kernels_of_figure_6(tmp_path: Path) -> None:
