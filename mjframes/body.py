@@ -191,7 +191,7 @@ def build(
     control = control_points(grid, shape_functions, types)
     stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax and law == COROTATIONAL)
     if not cores:  # a null mode moves all frames of its chain, so a fixed one holds it
-        stiffness = hold_null_modes(stiffness, control)
+        stiffness = hold_null_modes(stiffness, control, [i for i, name in enumerate(types) if name == "rigid"])
     constants, points = np.zeros((0, 3)), None
     if law != COROTATIONAL:
         progress("placing the quadrature points")

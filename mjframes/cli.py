@@ -65,7 +65,12 @@ def build(arguments: argparse.Namespace) -> int:
     with replacing(output, "the output") as partial, console.status("reading the volume") as status:
         with printed_notices():
             volume = read_volume(
-                arguments.volume, materials, spacing=arguments.spacing, voxels=arguments.voxels, scale=scale
+                arguments.volume,
+                materials,
+                spacing=arguments.spacing,
+                voxels=arguments.voxels,
+                scale=scale,
+                drop_unknown=arguments.drop_unknown,
             )
         if arguments.largest:
             volume = largest_piece(volume)
@@ -210,7 +215,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
     command.add_argument(
-        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the meshes' convex hull: flesh around bones"
+        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the convex hull: flesh around bones"
     )
     command.add_argument(
         "--spacing", type=_spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
@@ -219,6 +224,7 @@ def _parser() -> argparse.ArgumentParser:
     units = command.add_mutually_exclusive_group()
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
     units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
+    command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
         "--frame-type", choices=("affine", "quadratic"), default="affine", help="of all frames (default %(default)s)"
