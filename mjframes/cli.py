@@ -83,6 +83,10 @@ def build(arguments: argparse.Namespace) -> int:
             weights=arguments.weights,
             subdivisions=arguments.subdivisions,
             relax=arguments.relax,
+            law=arguments.law,
+            mass=arguments.mass,
+            mode=arguments.mode,
+            damping=arguments.damping,
             progress=status.update,
         )
         status.update("writing")
@@ -227,7 +231,26 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
-        "--frame-type", choices=("affine", "quadratic"), default="affine", help="of all frames (default %(default)s)"
+        "--frame-type", choices=("affine", "quadratic", "rigid", "point"), default="affine",
+        help="of all frames (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--law", choices=("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"),
+        default="corotational", help="of elasticity (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--mass", choices=("lumped", "consistent"), default="lumped", help="mass matrix (default %(default)s)"
+    )
+    command.add_argument(
+        "--mode", choices=("implicit", "explicit"), default="implicit",
+        help="explicit needs small steps and allows RK4 (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--damping",
+        type=_rates,
+        default=(0.0, 0.0),
+        metavar="ALPHA,BETA",
+        help="Rayleigh's, [1/s] and [s] (default 0,0)",
     )
     command.add_argument(
         "--weights", choices=("voronoi", "harmonic", "linear"), default="voronoi", help="(default %(default)s)"
@@ -284,6 +307,16 @@ def _spacing(text: str) -> tuple[float, ...]:
     if len(values) not in (1, 3) or not all(math.isfinite(value) and value > 0 for value in values):
         raise argparse.ArgumentTypeError(f"{text!r} is not one length in metres or three with commas between")
     return values * (3 // len(values))
+
+
+def _rates(text: str) -> tuple[float, float]:
+    try:
+        alpha, beta = (float(part) for part in text.split(","))
+    except ValueError:
+        alpha = beta = math.nan
+    if not (math.isfinite(alpha) and math.isfinite(beta) and min(alpha, beta) >= 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not two rates ≥ 0 with a comma between")
+    return alpha, beta
 
 
 def _factor(text: str) -> float:
