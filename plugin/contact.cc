@@ -37,6 +37,11 @@ void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double
 
 Vec3 Vertex(const double* skinned, int n, int s) { return {skinned[s], skinned[n + s], skinned[2 * n + s]}; }
 
+// Distance [m] from a geom beyond which no vertex has a share in a contact that is `distance` deep or deeper.
+double Reach(const SoftBody& body, double distance) {
+  return std::max(0.0, distance) + (1 + kBlend) * body.contact_radius();
+}
+
 // Where the clusters of a patch touch geom `other`, touching or not; one contact a cluster.
 int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, const GeomQuery& other, double* skinned,
                     double* blend, ClusterContact* out) {
@@ -83,7 +88,7 @@ int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, c
 // Contacts between geom g1 and patch g2, as an entry of mjCOLLISIONFUNC gives them.
 int CollidePatch(const SoftBody& body, const Patch& patch, const mjModel* m, mjData* d, mjPreContact* con, int g1,
                  int g2, double margin) {
-  const GeomQuery other(m, d, g1);
+  const GeomQuery other(m, d, body.hulls(), g1, Reach(body, margin));
   if (!other.valid) return 0;
   double skinned[3 * kMaxPatchVertices], blend[kMaxPatchVertices];
   ClusterContact contact[kMaxClusters];
@@ -218,8 +223,12 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     if (!patch) continue;
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
       std::copy(contact.geom, contact.geom + 2, pair);
-      count = ClusterContacts(*body, *patch, d, GeomQuery(m, d, contact.geom[1 - side]), scratch->skinned.data(),
-                              scratch->blend.data(), found);
+      double highest = contact.dist;
+      for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
+        highest = std::max(highest, d->contact[i].dist);
+      }
+      const GeomQuery other(m, d, body->hulls(), contact.geom[1 - side], Reach(*body, highest));
+      count = ClusterContacts(*body, *patch, d, other, scratch->skinned.data(), scratch->blend.data(), found);
       next = 0;
     }
     // contacts of a pair come in the order of the clusters, without those that do not touch

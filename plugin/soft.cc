@@ -210,15 +210,18 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
   return regions;
 }
 
-// Geoms that patches cannot meet are named once, when the data is made: falling through them must not be a riddle.
-void WarnOfGeomsWithoutDistance(const mjModel* m) {
+bool CanCollide(const mjModel* m, int a, int b) {
+  return (m->geom_contype[a] & m->geom_conaffinity[b]) || (m->geom_contype[b] & m->geom_conaffinity[a]);
+}
+
+// MuJoCo 4.0.0 lets height fields have no contact with any SDF geom.
+void CheckHeightFields(const mjModel* m, int patch, Reader* reader) {
   for (int geom = 0; geom < m->ngeom; geom++) {
-    const bool collides = m->geom_contype[geom] || m->geom_conaffinity[geom];
-    const int type = m->geom_type[geom];
-    const bool mesh = type == mjGEOM_MESH && m->mesh_octadr[m->geom_dataid[geom]] < 0;
-    if (!collides || (!mesh && type != mjGEOM_HFIELD)) continue;
-    mju_warning("mjframes: geom '%s' is a %s and soft bodies pass through it%s.", m->names + m->name_geomadr[geom],
-                mesh ? "mesh" : "height field", mesh ? ": give it type=\"sdf\"" : "");
+    if (m->geom_type[geom] != mjGEOM_HFIELD || !CanCollide(m, geom, patch)) continue;
+    if (mj_maxContact(m, geom, patch, -1) > 0) return;
+    reader->Fail(std::string("this MuJoCo (") + mj_versionString() +
+                 ") gives soft bodies no contact with height field '" + (m->names + m->name_geomadr[geom]) +
+                 "': make it a mesh, use MuJoCo 3.17.0, or set its contype and conaffinity so that they do not meet");
     return;
   }
 }
@@ -301,7 +304,8 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->points_, &reader);
   if (reader.ok() && !body->patches_.empty()) {
     body->contact_radius_ = reader.Number("contact_radius");
-    WarnOfGeomsWithoutDistance(m);
+    body->hulls_ = CollisionHulls(m);
+    CheckHeightFields(m, body->patches_.front().geom, &reader);
   }
   if (!reader.ok()) {
     mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());

@@ -19,6 +19,7 @@
 
 #include "contact.h"
 #include "corotational.h"
+#include "distance.h"
 #include "linear.h"
 
 namespace mjframes {
@@ -52,6 +53,7 @@ class SoftBody {
 
   const Patch* FindPatch(int geom) const;
   double contact_radius() const { return contact_radius_; }
+  const Hulls& hulls() const { return hulls_; }
   const std::vector<ControlPoint>& points() const { return points_; }
 
  private:
@@ -69,6 +71,7 @@ class SoftBody {
   std::vector<ControlPoint> points_;
   std::vector<Region> regions_;
   std::vector<Patch> patches_;
+  Hulls hulls_;  // of the scene's meshes
 
   // of this step; one SoftBody belongs to one mjData
   std::vector<Vec3> x_, v_, force_;     // position, velocity, force of the control points
