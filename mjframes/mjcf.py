@@ -7,6 +7,7 @@ slides of j and its ancestors. The four points of a frame form a chain; the firs
 from __future__ import annotations
 
 import base64
+import itertools
 import re
 from collections.abc import Sequence
 
@@ -18,7 +19,9 @@ from mjframes import plugin
 from mjframes.asset import lower_triangle
 from mjframes.body import SoftBody
 from mjframes.constants import FORMAT_VERSION
+from mjframes.contact import Contact
 from mjframes.errors import MjframesError
+from mjframes.lattice import rest_lattice
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (plugin/soft.cc)
     "version",
@@ -36,6 +39,15 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (pl
     "patch_cluster_size",
     "patch_point",
     "patch_weight",
+    "lattice_spacing",
+    "lattice_shape",
+    "lattice_node",
+    "lattice_distance",
+    "lattice_patch",
+    "lattice_count",
+    "lattice_point",
+    "lattice_weight",
+    "lattice_sphere",
 )
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
@@ -51,12 +63,12 @@ def attach(
     name: str,
     pos: Sequence[float] = (0.0, 0.0, 0.0),
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-    contact: bool = True,
+    contact: bool | Contact = True,
 ) -> None:
     """Put a soft body into a spec, below the body `parent` of it.
 
     pos [m], quat: where the volume's coordinate system goes, in `parent`.  name: of the plugin instance, and the prefix
-    of all that is added.  contact: whether it collides with the scene's geoms.
+    of all that is added.  contact: whether it collides with the scene's geoms and other soft bodies, or how.
     Raises MjframesError for a name that cannot be used, and where the plugin cannot be loaded.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.-]{2,}", name):
@@ -69,12 +81,13 @@ def attach(
     spec = mujoco.MjSpec()
     spec.activate_plugin(plugin.NAME)
     patches = _patches(body) if contact else []
+    parameters = contact if isinstance(contact, Contact) else Contact()
     instance = spec.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
     instance.config = _configuration(body, patches)
     holder = spec.worldbody.add_body(name=local)
     bodies = _add_bodies(holder, body, local)
     if patches:
-        _add_patches(spec, body, local, bodies, patches)
+        _add_patches(spec, body, local, bodies, patches, parameters)
     _add_skins(spec, body, local)
     spec.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
     frame = parent.add_frame(pos=list(pos), quat=list(quat))
@@ -151,23 +164,31 @@ def _patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
 
 
 def _add_patches(
-    spec: mujoco.MjSpec, body: SoftBody, name: str, bodies: list[mujoco.MjsBody], patches: list[np.ndarray]
+    spec: mujoco.MjSpec,
+    body: SoftBody,
+    name: str,
+    bodies: list[mujoco.MjsBody],
+    patches: list[np.ndarray],
+    contact: Contact,
 ) -> None:
     half = _printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     spec.add_mesh(name=f"{name}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its own distance is not used
-    for number, spheres in enumerate(patches):
-        geom = bodies[_patch_points(body, spheres)[-1]].add_geom(
+    owners = [bodies[_patch_points(body, spheres)[-1]] for spheres in patches]
+    for number, owner in enumerate(owners):
+        geom = owner.add_geom(
             name=f"{name}_patch_{number}",
             type=mujoco.mjtGeom.mjGEOM_SDF,
             meshname=f"{name}_bounds",
             group=PATCH_GROUP,
             mass=0,
-            contype=1,
-            conaffinity=0,  # patches meet other geoms, not each other
             rgba=[0.5, 0.5, 0.5, 0.1],
         )
+        contact.write(geom)
         _use_plugin(geom, name)
+    if contact.contype & contact.conaffinity:  # a soft body does not meet itself: MuJoCo need not ask
+        for first, second in itertools.combinations(sorted({owner.name for owner in owners}), 2):
+            spec.add_exclude(bodyname1=first, bodyname2=second)
 
 
 def _add_skins(spec: mujoco.MjSpec, body: SoftBody, name: str) -> None:
@@ -225,7 +246,23 @@ def _configuration(body: SoftBody, patches: list[np.ndarray]) -> dict[str, str]:
                 )
             ),
         }
+        values |= _lattice_configuration(body)
     return values
+
+
+def _lattice_configuration(body: SoftBody) -> dict[str, str]:
+    lattice = rest_lattice(body)
+    return {
+        "lattice_spacing": repr(lattice.spacing),
+        "lattice_shape": encode(lattice.shape),
+        "lattice_node": encode(lattice.index),
+        "lattice_distance": encode(lattice.distance),
+        "lattice_patch": encode(lattice.patch),
+        "lattice_count": encode(np.diff(lattice.weights.indptr)),
+        "lattice_point": encode(lattice.weights.indices),
+        "lattice_weight": encode(lattice.weights.data),
+        "lattice_sphere": encode(lattice.spheres),
+    }
 
 
 def encode(values: np.ndarray | Sequence[int]) -> str:

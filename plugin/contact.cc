@@ -4,16 +4,13 @@
 #include <array>
 #include <cmath>
 
-#include "distance.h"
 #include "linear.h"
 #include "multiversion.h"
 #include "soft.h"
+#include "touch.h"
 
 namespace mjframes {
 namespace {
-
-// A vertex that is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
-constexpr double kBlend = 1;  // [-]
 
 // A contact found again at the same place to rounding is the same; anything farther is another one.
 constexpr double kSamePlace = 1e-9;  // [m]
@@ -25,7 +22,8 @@ void AddScaled(double* __restrict out, const double* __restrict weight, double v
   for (int s = 0; s < n; s++) out[s] += weight[s] * value;
 }
 
-// World positions of the vertices by component: out[c n + s] = Σ_j W_j(s) x_j
+}  // namespace
+
 void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out) {
   const int n = patch.vertices;
   std::fill(out, out + 3 * n, 0.0);
@@ -35,91 +33,34 @@ void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double
   }
 }
 
-Vec3 Vertex(const double* skinned, int n, int s) { return {skinned[s], skinned[n + s], skinned[2 * n + s]}; }
+namespace {
 
-// Distance [m] from a geom beyond which no vertex has a share in a contact that is `distance` deep or deeper.
-double Reach(const SoftBody& body, double distance) {
-  return std::max(0.0, distance) + (1 + kBlend) * body.contact_radius();
+SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
+  const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
+  return {body, body ? body->FindPatch(geom) : -1};
 }
 
-// Where the clusters of a patch touch geom `other`, touching or not; one contact a cluster.
-int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, const GeomQuery& other, double* skinned,
-                    double* blend, ClusterContact* out) {
-  const int n = patch.vertices;
-  const double radius = body.contact_radius();
-  SkinPatch(body, patch, d, skinned);
-  int begin = 0, count = 0;
-  for (const int size : patch.cluster) {
-    const int end = begin + size;
-    double deepest = mjMAXVAL;
-    for (int s = begin; s < end; s++) {
-      blend[s] = other.Distance(Vertex(skinned, n, s)) - radius;
-      deepest = std::min(deepest, blend[s]);
-    }
-    ClusterContact contact = {0, {}, {}, begin, end};
-    double total = 0;
-    for (int s = begin; s < end; s++) {
-      const double share = std::max(0.0, 1 - (blend[s] - deepest) / (kBlend * radius));
-      contact.distance += share * share * blend[s];
-      blend[s] = share * share;
-      total += blend[s];
-    }
-    contact.distance /= total;
-    Vec3 centre{};
-    for (int s = begin; s < end; s++) {
-      if (blend[s] == 0) continue;
-      blend[s] /= total;
-      const Vec3 p = Vertex(skinned, n, s);
-      centre = centre + blend[s] * p;
-      contact.normal = contact.normal + blend[s] * other.Normal(p);
-    }
-    // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
-    const double length = Norm(contact.normal);
-    if (length > mjMINVAL) {
-      contact.normal = (1 / length) * contact.normal;
-      contact.position = centre - (radius + 0.5 * contact.distance) * contact.normal;
-      out[count++] = contact;
-    }
-    begin = end;
+int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
+  const SoftSide side[2] = {SideOf(m, d, g1), SideOf(m, d, g2)};
+  if (!side[0].body && !side[1].body) {
+    return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
   }
-  return count;
-}
-
-// Contacts between geom g1 and patch g2, as an entry of mjCOLLISIONFUNC gives them.
-int CollidePatch(const SoftBody& body, const Patch& patch, const mjModel* m, mjData* d, mjPreContact* con, int g1,
-                 int g2, double margin) {
-  const GeomQuery other(m, d, body.hulls(), g1, Reach(body, margin));
-  if (!other.valid) return 0;
-  double skinned[3 * kMaxPatchVertices], blend[kMaxPatchVertices];
-  ClusterContact contact[kMaxClusters];
-  const int found = ClusterContacts(body, patch, d, other, skinned, blend, contact);
+  const int geom[2] = {g1, g2};
+  TouchScratch scratch;
+  Touch touch[kMaxTouches];
+  const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {
-    if (!(contact[i].distance < margin)) continue;
-    con[count].dist = contact[i].distance;
+    if (!(touch[i].distance < margin)) continue;
+    con[count].dist = touch[i].distance;
     for (int c = 0; c < 3; c++) {
-      con[count].pos[c] = contact[i].position[c];
-      con[count].normal[c] = contact[i].normal[c];
+      con[count].pos[c] = touch[i].position[c];
+      con[count].normal[c] = touch[i].normal[c];
       con[count].tangent[c] = 0;
     }
     count++;
   }
-  return count;
-}
-
-int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
-  const SoftBody* body1 = GetSoftBody(m, d, m->geom_plugin[g1]);
-  const SoftBody* body2 = GetSoftBody(m, d, m->geom_plugin[g2]);
-  if (!body1 && !body2) return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
-  if (body1 && body2) return 0;  // soft bodies pass through each other
-  if (body2) {
-    const Patch* patch = body2->FindPatch(g2);
-    return patch ? CollidePatch(*body2, *patch, m, d, con, g1, g2, margin) : 0;
-  }
-  const Patch* patch = body1->FindPatch(g1);
-  const int count = patch ? CollidePatch(*body1, *patch, m, d, con, g2, g1, margin) : 0;
-  for (int i = 0; i < count; i++) mju_scl3(con[i].normal, con[i].normal, -1);
   return count;
 }
 
@@ -202,6 +143,11 @@ void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, Conta
 
 }  // namespace
 
+ContactScratch::ContactScratch(int nv, int nbody)
+    : row(nv), half(nv), sqrt_inverse(nv), share(nv), weight(nbody), touch(std::make_unique<TouchScratch>()) {}
+
+ContactScratch::~ContactScratch() = default;
+
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
     mjfCollision* entry = &mjCOLLISIONFUNC[type][mjGEOM_SDF];
@@ -212,47 +158,49 @@ void InstallCollisionHook() {
 
 void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   for (int i = 0; i < m->nv; i++) scratch->sqrt_inverse[i] = std::sqrt(d->qLDiagInv[i]);
-  ClusterContact found[kMaxClusters];
-  int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose clusters are in `found`
+  Touch found[kMaxTouches];
+  SoftSide side[2];
+  int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
-    const int side = GetSoftBody(m, d, m->geom_plugin[contact.geom[1]]) ? 1 : 0;
-    const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[contact.geom[side]]);
-    const Patch* patch = body ? body->FindPatch(contact.geom[side]) : nullptr;
-    if (!patch) continue;
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
-      std::copy(contact.geom, contact.geom + 2, pair);
+      for (int s = 0; s < 2; s++) {
+        pair[s] = contact.geom[s];
+        side[s] = SideOf(m, d, pair[s]);
+      }
       double highest = contact.dist;
       for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
         highest = std::max(highest, d->contact[i].dist);
       }
-      const GeomQuery other(m, d, body->hulls(), contact.geom[1 - side], Reach(*body, highest));
-      count = ClusterContacts(*body, *patch, d, other, scratch->skinned.data(), scratch->blend.data(), found);
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
       next = 0;
     }
-    // contacts of a pair come in the order of the clusters, without those that do not touch
+    // contacts of a pair come in the order of its touches, without those that are too far
     while (next < count &&
            Norm(found[next].position - Vec3{contact.pos[0], contact.pos[1], contact.pos[2]}) > kSamePlace) {
       next++;
     }
     if (next == count) continue;
-    std::vector<double>& share = scratch->share;
-    std::fill(share.begin(), share.end(), 0.0);
-    for (size_t j = 0; j < patch->point.size(); j++) {
-      const ControlPoint& point = body->points()[patch->point[j]];
-      if (!point.moves()) continue;
-      const double* weight = patch->weight.data() + j * patch->vertices;
-      double& sum = share[point.depth];
-      for (int s = found[next].begin; s < found[next].end; s++) sum += scratch->blend[s] * weight[s];
-    }
-    for (int depth = body->points()[patch->owner].depth; depth > 0; depth--) share[depth - 1] += share[depth];
-    const double* axes = d->xmat + 9 * body->points()[patch->owner].body;
-    for (int r = 0; r < RowCount(m, contact); r++) {
-      Vec3 local;
-      const Vec3 direction = RowDirection(m, contact, r);
-      mju_mulMatTVec3(local.data(), axes, direction.data());
-      WriteRow(*body, *patch, m, d, contact.efc_address + r, side == 1 ? 1 : -1, local, share);
+    for (int s = 0; s < 2; s++) {
+      if (!side[s].body) continue;
+      const SoftBody& body = *side[s].body;
+      const Patch& patch = body.patches()[side[s].patch];
+      std::vector<double>& share = scratch->share;
+      std::fill(share.begin(), share.end(), 0.0);
+      std::fill(scratch->weight.begin(), scratch->weight.end(), 0.0);
+      AddTouchWeights(d, side, found[next], *scratch->touch, s, scratch->weight.data());
+      for (int j = patch.owner; j >= 0 && body.points()[j].moves(); j = body.points()[j].parent) {
+        share[body.points()[j].depth] = scratch->weight[j];
+      }
+      for (int depth = body.points()[patch.owner].depth; depth > 0; depth--) share[depth - 1] += share[depth];
+      const double* axes = d->xmat + 9 * body.points()[patch.owner].body;
+      for (int r = 0; r < RowCount(m, contact); r++) {
+        Vec3 local;
+        const Vec3 direction = RowDirection(m, contact, r);
+        mju_mulMatTVec3(local.data(), axes, direction.data());
+        WriteRow(body, patch, m, d, contact.efc_address + r, s == 1 ? 1 : -1, local, share);
+      }
     }
     ScaleImpedance(m, d, contact, scratch);
     next++;

@@ -3,7 +3,8 @@
 // A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that
 // are nearly as deep as its deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero
 // continuously: choosing single vertices instead makes a resting body flip between choices for ever. A contact row
-// along t reads tᵀ Σ_s a_s Σ_j W_j(s) J_j over the degrees of freedom of the soft body: equation (11).
+// along t reads tᵀ Σ_j ω_j J_j with ω_j = Σ_s a_s W_j(s) over the degrees of freedom of the soft body: equation (11).
+// Where vertices do not reach, features of geoms and other soft bodies do (touch.h).
 
 #ifndef MJFRAMES_PLUGIN_CONTACT_H_
 #define MJFRAMES_PLUGIN_CONTACT_H_
@@ -11,11 +12,14 @@
 #include <mujoco/mujoco.h>
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "linear.h"
 
 namespace mjframes {
+
+class SoftBody;
 
 // The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
 struct Patch {
@@ -33,24 +37,21 @@ inline constexpr int kMaxPatchVertices = 1024;
 // A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
 inline constexpr int kMaxClusters = 4;
 
-// Where a cluster touches a geom, or would: the pressure centre of its deepest vertices.
-struct ClusterContact {
-  double distance;  // [m], negative inside
-  Vec3 position;    // half way between the surfaces [m]
-  Vec3 normal;      // out of the other geom
-  int begin, end;   // vertices of the cluster
-};
+struct TouchScratch;
 
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
-  explicit ContactScratch(int nv)
-      : row(nv), half(nv), sqrt_inverse(nv), share(nv), skinned(3 * kMaxPatchVertices), blend(kMaxPatchVertices) {}
+  ContactScratch(int nv, int nbody);
+  ~ContactScratch();
   std::vector<double> row, half;     // J and D^(−½) L^(−ᵀ) Jᵀ               (nv)
   std::vector<double> sqrt_inverse;  // D^(−½)                               (nv)
   std::vector<double> share;         // weight at and below each depth       (≤ nv)
-  std::vector<double> skinned;       // vertices of the current patch        (3 × n)
-  std::vector<double> blend;         // their shares in the clusters' contacts (n)
+  std::vector<double> weight;        // ω of each control point              (≤ nbody)
+  std::unique_ptr<TouchScratch> touch;
 };
+
+// World positions of the vertices by component: out[c n + s] = Σ_j W_j(s) x_j
+void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out);
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();

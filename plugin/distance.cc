@@ -95,7 +95,8 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
       sdf_id(-1),
       plugin(nullptr),
       hull(nullptr),
-      reach(reach) {
+      reach(reach),
+      bound(m->geom_rbound[geom]) {
   for (int i = 0; i < 3; i++) {
     size[i] = m->geom_size[3 * geom + i];
     position[i] = d->geom_xpos[3 * geom + i];
@@ -107,7 +108,7 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
     valid = plugin->sdf_distance && plugin->sdf_gradient;
   } else if (type == mjGEOM_SDF || type == mjGEOM_MESH || type == mjGEOM_HFIELD) {
     sdf_id = m->geom_dataid[geom];
-    if (type == mjGEOM_MESH && sdf_id >= 0) hull = hulls[sdf_id].get();
+    if (type == mjGEOM_MESH && m->mesh_octadr[sdf_id] < 0) hull = hulls[sdf_id].get();
     valid = sdf_id >= 0 && (type == mjGEOM_HFIELD || hull || m->mesh_octadr[sdf_id] >= 0);
   }
 }
@@ -121,6 +122,13 @@ Vec3 GeomQuery::Normal(const Vec3& p) const {
   Vec3 normal;
   Evaluate(p, &normal);
   return normal;
+}
+
+double GeomQuery::LowerBound(const Vec3& p) const {
+  if (bound > 0) return Norm(p - position) - bound;
+  const Vec3 local = MulT(orientation, p - position);
+  if (type == mjGEOM_PLANE) return local[2];
+  return type == mjGEOM_HFIELD ? HeightFieldBound(model, sdf_id, local) : 0;
 }
 
 double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {

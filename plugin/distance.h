@@ -27,6 +27,9 @@ struct GeomQuery {
   // Unit vector out of the geom at p, in the world: the gradient of the distance.
   Vec3 Normal(const Vec3& p) const;
 
+  // At most the distance of p: that of a sphere or box around the geom.
+  double LowerBound(const Vec3& p) const;
+
   bool valid;  // false where MuJoCo has no such distance
 
  private:
@@ -42,6 +45,7 @@ struct GeomQuery {
   const mjpPlugin* plugin;
   const Hull* hull;
   double reach;
+  double bound;  // radius of a sphere around it [m]; 0 for planes and height fields
 };
 
 }  // namespace mjframes

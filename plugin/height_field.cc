@@ -83,13 +83,17 @@ void SearchTriangles(const Grid& grid, const Vec3& p, double reach, double* best
 
 }  // namespace
 
+double HeightFieldBound(const mjModel* m, int field, const Vec3& p) {
+  const mjtNum* size = m->hfield_size + 4 * field;
+  return Norm({Outside(p[0], -size[0], size[0]), Outside(p[1], -size[1], size[1]), Outside(p[2], -size[3], size[2])});
+}
+
 double HeightFieldDistance(const mjModel* m, int field, const Vec3& p, double reach, Vec3* normal) {
   const Grid grid = GridOf(m, field);
-  const Vec3 box = {Outside(p[0], -grid.sx, grid.sx), Outside(p[1], -grid.sy, grid.sy),
-                    Outside(p[2], -grid.base, grid.height)};
-  if (Norm(box) > reach) {
+  const double bound = HeightFieldBound(m, field, p);
+  if (bound > reach) {
     *normal = {0, 0, 1};
-    return Norm(box);
+    return bound;
   }
   Vec3 closest = {std::clamp(p[0], -grid.sx, grid.sx), std::clamp(p[1], -grid.sy, grid.sy), 0};
   const double height = grid.Height(closest[0], closest[1]);

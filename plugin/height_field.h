@@ -16,6 +16,9 @@ namespace mjframes {
 // `reach` only that is sure of the distance, that it is above.
 double HeightFieldDistance(const mjModel* m, int field, const Vec3& p, double reach, Vec3* normal);
 
+// At most the distance of a point outside: that of the box around the solid.
+double HeightFieldBound(const mjModel* m, int field, const Vec3& p);
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_HEIGHT_FIELD_H_

@@ -91,9 +91,9 @@ double Hull::Distance(const Vec3& p, double reach, Vec3* normal) const {
 std::vector<std::unique_ptr<const Hull>> CollisionHulls(const mjModel* m) {
   std::vector<std::unique_ptr<const Hull>> hulls(m->nmesh);
   for (int geom = 0; geom < m->ngeom; geom++) {
-    if (m->geom_type[geom] != mjGEOM_MESH || (!m->geom_contype[geom] && !m->geom_conaffinity[geom])) continue;
     const int mesh = m->geom_dataid[geom];
-    if (mesh >= 0 && m->mesh_octadr[mesh] < 0 && !hulls[mesh]) hulls[mesh] = Hull::Create(m, mesh);
+    const bool used = m->geom_type[geom] == mjGEOM_MESH || m->geom_type[geom] == mjGEOM_SDF;
+    if (used && mesh >= 0 && !hulls[mesh]) hulls[mesh] = Hull::Create(m, mesh);
   }
   return hulls;
 }

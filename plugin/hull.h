@@ -33,7 +33,7 @@ class Hull {
   std::vector<double> nx_, ny_, nz_, offset_;  // planes of the faces: n · p = offset, n outwards
 };
 
-// The hulls of the meshes that collide and have no distance field of their own, by mesh; null for others.
+// The hulls of the meshes that geoms use, by mesh; null where the model keeps none, because nothing collides with it.
 std::vector<std::unique_ptr<const Hull>> CollisionHulls(const mjModel* m);
 
 }  // namespace mjframes

@@ -30,6 +30,15 @@ constexpr const char* kAttributes[] = {
     "patch_cluster_size",
     "patch_point",
     "patch_weight",
+    "lattice_spacing",  // [m]
+    "lattice_shape",
+    "lattice_node",
+    "lattice_distance",
+    "lattice_patch",
+    "lattice_count",
+    "lattice_point",
+    "lattice_weight",
+    "lattice_sphere",
 };
 
 // Reads the configuration of one instance; the first failure is kept as a sentence.
@@ -278,6 +287,25 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   return patches;
 }
 
+Lattice ReadLattice(int points, const std::vector<Patch>& patches, Reader* reader) {
+  Lattice lattice;
+  lattice.spacing = reader->Number("lattice_spacing");
+  lattice.shape = reader->Array<int32_t>("lattice_shape");
+  lattice.node = reader->Array<int32_t>("lattice_node");
+  lattice.distance = reader->Array<double>("lattice_distance");
+  lattice.patch = reader->Array<int32_t>("lattice_patch");
+  lattice.count = reader->Array<int32_t>("lattice_count");
+  lattice.point = reader->Array<int32_t>("lattice_point");
+  lattice.weight = reader->Array<double>("lattice_weight");
+  lattice.vertex = reader->Array<double>("lattice_sphere");
+  int vertices = 0;
+  for (const Patch& patch : patches) vertices += patch.vertices;
+  if (!reader->ok()) return {};
+  const std::string wrong = lattice.Finish(points, static_cast<int>(patches.size()), vertices);
+  if (!wrong.empty()) reader->Fail(wrong);
+  return lattice;
+}
+
 }  // namespace
 
 std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
@@ -304,7 +332,12 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->points_, &reader);
   if (reader.ok() && !body->patches_.empty()) {
     body->contact_radius_ = reader.Number("contact_radius");
+    body->lattice_ = ReadLattice(static_cast<int>(body->points_.size()), body->patches_, &reader);
+    for (size_t i = 0; reader.ok() && i < body->patches_.size(); i++) {
+      body->volumes_.push_back(PatchVolume::Create(*body, static_cast<int>(i)));
+    }
     body->hulls_ = CollisionHulls(m);
+    body->features_ = GeomFeatures(m, body->hulls_);
     CheckHeightFields(m, body->patches_.front().geom, &reader);
   }
   if (!reader.ok()) {
@@ -326,15 +359,15 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   int largest = 0;
   for (const Region& region : body->regions_) largest = std::max(largest, region.size());
   body->scratch_ = std::make_unique<RegionScratch>(largest);
-  if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m->nv);
+  if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m->nv, m->nbody);
   return body;
 }
 
-const Patch* SoftBody::FindPatch(int geom) const {
+int SoftBody::FindPatch(int geom) const {
   // patches are in the order of their geoms
   const auto found = std::lower_bound(patches_.begin(), patches_.end(), geom,
                                       [](const Patch& patch, int value) { return patch.geom < value; });
-  return found != patches_.end() && found->geom == geom ? &*found : nullptr;
+  return found != patches_.end() && found->geom == geom ? static_cast<int>(found - patches_.begin()) : -1;
 }
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {

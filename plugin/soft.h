@@ -19,7 +19,10 @@
 
 #include "contact.h"
 #include "corotational.h"
+#include "deformed.h"
 #include "distance.h"
+#include "features.h"
+#include "lattice.h"
 #include "linear.h"
 
 namespace mjframes {
@@ -51,9 +54,14 @@ class SoftBody {
   // Adds this step's forces and effective inertia; the model's last soft body then writes all contact rows.
   void Compute(const mjModel* m, mjData* d);
 
-  const Patch* FindPatch(int geom) const;
+  // Number of the patch of a geom, −1 if it has none.
+  int FindPatch(int geom) const;
   double contact_radius() const { return contact_radius_; }
+  const std::vector<Patch>& patches() const { return patches_; }
+  const std::vector<PatchVolume>& volumes() const { return volumes_; }
+  const Lattice& lattice() const { return lattice_; }
   const Hulls& hulls() const { return hulls_; }
+  const std::vector<Features>& features() const { return features_; }
   const std::vector<ControlPoint>& points() const { return points_; }
 
  private:
@@ -71,7 +79,10 @@ class SoftBody {
   std::vector<ControlPoint> points_;
   std::vector<Region> regions_;
   std::vector<Patch> patches_;
-  Hulls hulls_;  // of the scene's meshes
+  std::vector<PatchVolume> volumes_;  // by patch
+  Lattice lattice_;
+  Hulls hulls_;                     // of the scene's meshes
+  std::vector<Features> features_;  // of the scene's geoms
 
   // of this step; one SoftBody belongs to one mjData
   std::vector<Vec3> x_, v_, force_;     // position, velocity, force of the control points

@@ -9,6 +9,7 @@ import numpy as np
 from shapes import mixed
 
 from mjframes.body import SoftBody, build
+from mjframes.contact import Contact
 from mjframes.material import Material
 from mjframes.mechanics import region_response
 from mjframes.mjcf import attach
@@ -48,7 +49,7 @@ def in_space(body: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:
 def compiled(
     xml: str,
     *bodies: tuple[SoftBody, tuple[float, ...], tuple[float, ...]],
-    contact: bool = True,
+    contact: bool | Contact = True,
     parent: str = "world",
     **options: object,
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
