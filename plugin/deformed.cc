@@ -159,9 +159,8 @@ bool DeformedPatch::Find(const Vec3& p, Vec3* xi) const {
   return false;
 }
 
-bool DeformedPatch::Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
-  if (!Find(p, xi)) return false;
-  Vec3 q = *xi, fraction, gradient;
+bool DeformedPatch::Surface(const Vec3& xi, bool own, Vec3* position, Vec3* normal) const {
+  Vec3 q = xi, fraction, gradient;
   int nodes[8];
   for (int climb = 0;; climb++) {
     if (!lattice_.Cell(q, nodes, &fraction)) return false;
@@ -172,14 +171,20 @@ bool DeformedPatch::Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* no
     q = q - (height / length) * gradient;
   }
   const int nearest = (fraction[0] > 0.5) + 2 * (fraction[1] > 0.5) + 4 * (fraction[2] > 0.5);
-  if (lattice_.patch[nodes[nearest]] != patch_) return false;
+  if (own && lattice_.patch[nodes[nearest]] != patch_) return false;
   Cell cell;
   Mat3 F;
   if (!Deform(nodes, &cell)) return false;
-  const Vec3 surface = Interpolate(cell.x, fraction, &F);
+  *position = Interpolate(cell.x, fraction, &F);
   if (!(Det(F) > 0)) return false;
   const Vec3 out = MulT(Inverse(F), gradient);
   *normal = (1 / Norm(out)) * out;
+  return true;
+}
+
+bool DeformedPatch::Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
+  Vec3 surface;
+  if (!Find(p, xi) || !Surface(*xi, true, &surface, normal)) return false;
   *distance = Dot(*normal, p - surface);
   return true;
 }

@@ -52,6 +52,10 @@ class DeformedPatch {
   // material point at p. False where p is too far outside, or under another patch.
   bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const;
 
+  // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides and,
+  // if only this patch's own surface counts, under another patch.
+  bool Surface(const Vec3& xi, bool own, Vec3* position, Vec3* normal) const;
+
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;
 

@@ -30,6 +30,9 @@ struct GeomQuery {
   // At most the distance of p: that of a sphere or box around the geom.
   double LowerBound(const Vec3& p) const;
 
+  // Whether it has a size, unlike a plane and, as patches see it, a height field.
+  bool bounded() const { return bound > 0; }
+
   bool valid;  // false where MuJoCo has no such distance
 
  private:

@@ -12,6 +12,7 @@ namespace {
 // What is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
 constexpr double kBlend = 1;  // [-]
 
+constexpr double kOutward = 0.5;  // [-] cosine to the surface's normal above which a contact pushes outwards
 constexpr int kSupportSteps = 4;  // from an ellipsoid's centre to its point nearest to the surface
 constexpr double kStretch = 1.5;  // [-] material below a patch is looked for this many rest depths deep
 
@@ -97,9 +98,19 @@ double ShareOut(double* distance, int begin, int end, double reach) {
   return mean / total;
 }
 
+// Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
+bool PushesOut(const Skinned& soft, const Touch& touch, const double* share) {
+  Vec3 xi{}, position, normal;
+  for (int s = touch.begin; s < touch.end; s++) {
+    if (share[s] > 0) xi = xi + share[s] * soft.deformed.VertexPoint(s);
+  }
+  return soft.deformed.Surface(xi, false, &position, &normal) && Dot(normal, touch.normal) > kOutward;
+}
+
 // The clusters of a patch against a rigid geom; normals point out of the geom. A vertex is a ball of the contact
 // radius.
-int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, TouchScratch* scratch, Touch* out) {
+int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
+                Touch* out) {
   const double radius = soft.deformed.body().contact_radius();
   double* share = scratch->share[side];
   int begin = 0, count = 0;
@@ -113,14 +124,14 @@ int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, TouchScra
       touch.position = touch.position + share[s] * p;
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
+    begin = end;
     // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
     const double length = Norm(touch.normal);
-    if (length > mjMINVAL) {
-      touch.normal = (1 / length) * touch.normal;
-      touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
-      out[count++] = touch;
-    }
-    begin = end;
+    if (!(length > mjMINVAL)) continue;
+    touch.normal = (1 / length) * touch.normal;
+    touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
+    if (touch.distance < margin && other.bounded() && PushesOut(soft, touch, share)) continue;
+    out[count++] = touch;
   }
   return count;
 }
@@ -245,7 +256,7 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   if (query.LowerBound(bounds.centre) > bounds.radius + margin) return 0;
   const Features& features = body.features()[rigid];
   const Skinned soft = Skin(side[s], d, room + features.radius, scratch->skinned[s]);
-  int count = GeomTouches(soft, s, query, scratch, out);
+  int count = GeomTouches(soft, s, query, margin, scratch, out);
   const int vertices = count;
   count += FeatureTouches(m, d, rigid, soft, features, margin, out + count);
   // those of features point out of the soft body, the others into it
