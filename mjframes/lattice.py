@@ -28,12 +28,13 @@ COVERED = 0.9  # [-] share of a node's weight that the control points of its pat
 class Lattice:
     """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
 
-    spacing: [m].  shape: (3,) nodes along each axis.  index: (n,) of the nodes in the whole lattice, ascending.
+    spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.  index: (n,) of the nodes in the whole lattice, ascending.
     distance: (n,) φ [m].  patch: (n,) the patch whose contact sphere is nearest.  weights: (n, k) W_j.
     spheres: (s, 3) the contact spheres' centres, in cells from the first node.
     """
 
     spacing: float
+    origin: np.ndarray
     shape: np.ndarray
     index: np.ndarray
     distance: np.ndarray
@@ -65,9 +66,8 @@ def rest_lattice(body: SoftBody) -> Lattice:
         control_weights(surface_weights(grid, body.fields.weights, nodes[active]), control, nodes[active])
     )
     spheres = (body.contact.centers @ volume.axes - first) / spacing
-    return Lattice(
-        spacing, shape, active, distance[active], _nearest_patch(body, nodes[active], weights), weights, spheres
-    )
+    patch = _nearest_patch(body, nodes[active], weights)
+    return Lattice(spacing, volume.axes @ first, shape, active, distance[active], patch, weights, spheres)
 
 
 def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.ndarray:

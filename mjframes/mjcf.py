@@ -40,6 +40,8 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (pl
     "patch_point",
     "patch_weight",
     "lattice_spacing",
+    "lattice_axes",
+    "lattice_origin",
     "lattice_shape",
     "lattice_node",
     "lattice_distance",
@@ -254,6 +256,8 @@ def _lattice_configuration(body: SoftBody) -> dict[str, str]:
     lattice = rest_lattice(body)
     return {
         "lattice_spacing": repr(lattice.spacing),
+        "lattice_axes": encode(body.fields.volume.axes),
+        "lattice_origin": encode(lattice.origin),
         "lattice_shape": encode(lattice.shape),
         "lattice_node": encode(lattice.index),
         "lattice_distance": encode(lattice.distance),

@@ -14,47 +14,30 @@
 
 #include "lattice.h"
 #include "linear.h"
+#include "patch_volume.h"
 
 namespace mjframes {
 
 class SoftBody;
 struct Patch;
 
-// What a patch answers for: the material below it, and those control points whose weights its contact rows can hold,
-// on the path from the root to its geom's body or fixed. Other weights are left out and the rest scaled to sum 1.
-struct PatchVolume {
-  static PatchVolume Create(const SoftBody& body, int patch);
-
-  std::vector<uint8_t> holds;  // whether rows hold the control point              (k)
-  int first_vertex;            // of the patch in Lattice::vertex
-  double depth;                // the largest below the surface [m]
-  // A sphere around all of it: centre Σ mean_j x_j, radius Σ spread_j |x_j − centre|.
-  std::vector<int32_t> point;        //                                            (p)
-  std::vector<double> mean, spread;  //                                            (p)
-};
-
-struct Sphere {
-  Vec3 centre;
-  double radius;
-};
-
 class DeformedPatch {
  public:
   DeformedPatch(const SoftBody& body, int patch, const mjData* d);
 
-  // A sphere that holds the patch's vertices and the material below them.
-  Sphere Bounds() const;
+  PatchPose Pose() const { return volume_.Pose(body_, data_); }
+  bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
 
-  // The material point ξ that is at p in the world, from a guess; false if none was found.
-  bool Find(const Vec3& p, Vec3* xi) const;
+  // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
+  // and no farther than a cell outside.
+  bool Find(const Vec3& p, bool own, Vec3* xi) const;
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
-  // material point at p. False where p is too far outside, or under another patch.
+  // material point at p. False where p is too far outside, under another patch, or midway between two sides.
   bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const;
 
-  // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides and,
-  // if only this patch's own surface counts, under another patch.
-  bool Surface(const Vec3& xi, bool own, Vec3* position, Vec3* normal) const;
+  // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
+  bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const;
 
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;
@@ -62,7 +45,6 @@ class DeformedPatch {
   // The material point ξ of vertex s of the patch.
   Vec3 VertexPoint(int s) const;
 
-  double depth() const { return volume_.depth; }
   const SoftBody& body() const { return body_; }
   const Patch& patch() const;
 
@@ -72,6 +54,7 @@ class DeformedPatch {
     Vec3 x[8];  // deformed [m]
   };
 
+  bool Owns(const int* nodes) const;
   bool Deform(const int* nodes, Cell* cell) const;
 
   const SoftBody& body_;

@@ -124,11 +124,17 @@ Vec3 GeomQuery::Normal(const Vec3& p) const {
   return normal;
 }
 
-double GeomQuery::LowerBound(const Vec3& p) const {
-  if (bound > 0) return Norm(p - position) - bound;
-  const Vec3 local = MulT(orientation, p - position);
-  if (type == mjGEOM_PLANE) return local[2];
-  return type == mjGEOM_HFIELD ? HeightFieldBound(model, sdf_id, local) : 0;
+double GeomQuery::LowerBound(const AlignedBox& box) const {
+  if (bounded()) {
+    Vec3 gap;
+    for (int i = 0; i < 3; i++) gap[i] = std::max(0.0, std::abs(position[i] - box.centre[i]) - box.half[i]);
+    return Norm(gap) - bound;
+  }
+  const Vec3 local = MulT(orientation, box.centre - position);
+  if (type == mjGEOM_HFIELD) return HeightFieldBound(model, sdf_id, local) - Norm(box.half);
+  double below = 0;
+  for (int i = 0; i < 3; i++) below += std::abs(orientation[3 * i + 2]) * box.half[i];
+  return local[2] - below;
 }
 
 double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {

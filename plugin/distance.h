@@ -10,6 +10,7 @@
 
 #include "hull.h"
 #include "linear.h"
+#include "patch_volume.h"
 
 namespace mjframes {
 
@@ -27,8 +28,8 @@ struct GeomQuery {
   // Unit vector out of the geom at p, in the world: the gradient of the distance.
   Vec3 Normal(const Vec3& p) const;
 
-  // At most the distance of p: that of a sphere or box around the geom.
-  double LowerBound(const Vec3& p) const;
+  // At most the distance of any point in the box: that of a sphere or box around the geom.
+  double LowerBound(const AlignedBox& box) const;
 
   // Whether it has a size, unlike a plane and, as patches see it, a height field.
   bool bounded() const { return bound > 0; }

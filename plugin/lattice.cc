@@ -16,7 +16,8 @@ bool Within(const std::vector<int32_t>& values, int64_t end) {
 
 std::string Lattice::Finish(int points, int patches, int vertices) {
   const size_t n = node.size();
-  if (!(spacing > 0) || shape.size() != 3 || *std::min_element(shape.begin(), shape.end()) < 2) {
+  if (!(spacing > 0) || axes.size() != 9 || origin.size() != 3 || shape.size() != 3 ||
+      *std::min_element(shape.begin(), shape.end()) < 2) {
     return "its lattice has no valid shape";
   }
   int64_t total = 1;
@@ -34,9 +35,16 @@ std::string Lattice::Finish(int points, int patches, int vertices) {
   place.assign(total, -1);
   for (size_t i = 0; i < n; i++) {
     place[node[i]] = static_cast<int32_t>(i);
-    depth = std::max(depth, -distance[i]);
   }
   return "";
+}
+
+Vec3 Lattice::Coordinates(const Vec3& p) const {
+  Vec3 xi{};
+  for (int i = 0; i < 3; i++) {
+    for (int c = 0; c < 3; c++) xi[i] += axes[3 * c + i] * (p[c] - origin[c]) / spacing;
+  }
+  return xi;
 }
 
 bool Lattice::Cell(const Vec3& xi, int* nodes, Vec3* fraction) const {

@@ -16,6 +16,8 @@ namespace mjframes {
 
 struct Lattice {
   double spacing = 0;            // of the nodes [m]
+  std::vector<double> axes;      // its directions in the soft body's axes, columns   (3 × 3)
+  std::vector<double> origin;    // of node 0 at rest [m]                        (3)
   std::vector<int32_t> shape;    // nodes along each axis                        (3)
   std::vector<int32_t> node;     // those kept, by their place in the lattice    (n, ascending)
   std::vector<double> distance;  // φ, negative inside [m]                       (n)
@@ -28,11 +30,13 @@ struct Lattice {
   // Derived.
   std::vector<int32_t> place;  // from the whole lattice to the nodes kept, −1 where there is none
   std::vector<int32_t> start;  // first entry of each node, and the end          (n + 1)
-  double depth = 0;            // the largest depth of a node below the surface [m]
 
   // Checks the arrays against each other and against the numbers of control points, patches and contact vertices, and
   // derives the rest. On failure returns what is wrong.
   std::string Finish(int points, int patches, int vertices);
+
+  // ξ of a place at rest [m].
+  Vec3 Coordinates(const Vec3& p) const;
 
   // The eight nodes around ξ, x fastest, and where ξ is among them; false where one is missing.
   bool Cell(const Vec3& xi, int* nodes, Vec3* fraction) const;

@@ -31,6 +31,8 @@ constexpr const char* kAttributes[] = {
     "patch_point",
     "patch_weight",
     "lattice_spacing",  // [m]
+    "lattice_axes",
+    "lattice_origin",
     "lattice_shape",
     "lattice_node",
     "lattice_distance",
@@ -290,6 +292,8 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
 Lattice ReadLattice(int points, const std::vector<Patch>& patches, Reader* reader) {
   Lattice lattice;
   lattice.spacing = reader->Number("lattice_spacing");
+  lattice.axes = reader->Array<double>("lattice_axes");
+  lattice.origin = reader->Array<double>("lattice_origin");
   lattice.shape = reader->Array<int32_t>("lattice_shape");
   lattice.node = reader->Array<int32_t>("lattice_node");
   lattice.distance = reader->Array<double>("lattice_distance");

@@ -24,6 +24,7 @@
 #include "features.h"
 #include "lattice.h"
 #include "linear.h"
+#include "patch_volume.h"
 
 namespace mjframes {
 

@@ -14,48 +14,30 @@ constexpr double kBlend = 1;  // [-]
 
 constexpr double kOutward = 0.5;  // [-] cosine to the surface's normal above which a contact pushes outwards
 constexpr int kSupportSteps = 4;  // from an ellipsoid's centre to its point nearest to the surface
-constexpr double kStretch = 1.5;  // [-] material below a patch is looked for this many rest depths deep
-
-struct Box {
-  Vec3 low, high;
-
-  bool Holds(const Vec3& p) const {
-    for (int i = 0; i < 3; i++) {
-      if (!(p[i] >= low[i] && p[i] <= high[i])) return false;
-    }
-    return true;
-  }
-};
-
-// Around the vertices and whatever is within `margin`.
-Box VertexBox(const double* skinned, int n, double margin) {
-  Box box;
-  for (int c = 0; c < 3; c++) {
-    const auto [low, high] = std::minmax_element(skinned + c * n, skinned + (c + 1) * n);
-    box.low[c] = *low - margin;
-    box.high[c] = *high + margin;
-  }
-  return box;
-}
-
-bool Apart(const Box& a, const Box& b) {
-  for (int i = 0; i < 3; i++) {
-    if (a.low[i] > b.high[i] || b.low[i] > a.high[i]) return true;
-  }
-  return false;
-}
 
 // A patch with its vertices where they are now.
 struct Skinned {
   DeformedPatch deformed;
   const double* vertices;
   int n;
-  Box box;  // where points may be inside or touch
+  PatchPose pose;
+  double room;  // how far around the vertices and what is below them something may touch [m]
 
   Vec3 Vertex(int s) const { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
 
-  // Signed distance of p, searched from the nearest vertex; xi becomes the material point at p.
+  // Signed distance of p; xi becomes the material point at p.
   bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
+    if (!pose.box.Holds(p, room)) return false;
+    *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
+    if (pose.error > kTrusted) {
+      *xi = deformed.VertexPoint(Nearest(p));
+    } else if (!deformed.Near(*xi, pose.error)) {
+      return false;
+    }
+    return deformed.Distance(p, xi, distance, normal);
+  }
+
+  int Nearest(const Vec3& p) const {
     int nearest = 0;
     double best = mjMAXVAL;
     for (int s = 0; s < n; s++) {
@@ -66,16 +48,13 @@ struct Skinned {
         nearest = s;
       }
     }
-    *xi = deformed.VertexPoint(nearest);
-    return deformed.Distance(p, xi, distance, normal);
+    return nearest;
   }
 };
 
-Skinned Skin(const SoftSide& side, const mjData* d, double margin, double* out) {
-  const DeformedPatch deformed(*side.body, side.patch, d);
-  const int n = deformed.patch().vertices;
-  SkinPatch(*side.body, deformed.patch(), d, out);
-  return {deformed, out, n, VertexBox(out, n, margin + side.body->contact_radius() + kStretch * deformed.depth())};
+Skinned Skin(const DeformedPatch& deformed, const PatchPose& pose, double room, const mjData* d, double* out) {
+  SkinPatch(deformed.body(), deformed.patch(), d, out);
+  return {deformed, out, deformed.patch().vertices, pose, room};
 }
 
 // Turns the distances of a cluster into shares in its contact, which sum to 1: those that are `reach` above the deepest
@@ -104,7 +83,7 @@ bool PushesOut(const Skinned& soft, const Touch& touch, const double* share) {
   for (int s = touch.begin; s < touch.end; s++) {
     if (share[s] > 0) xi = xi + share[s] * soft.deformed.VertexPoint(s);
   }
-  return soft.deformed.Surface(xi, false, &position, &normal) && Dot(normal, touch.normal) > kOutward;
+  return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
 }
 
 // The clusters of a patch against a rigid geom; normals point out of the geom. A vertex is a ball of the contact
@@ -159,7 +138,6 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
       Near& candidate = near[found];
       candidate.p = world(features.points[last].position);
       if (!features.round) {
-        if (!soft.box.Holds(candidate.p)) continue;
         if (!soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal)) continue;
       } else {
         // from the side that faces the patch, down the surface's normal
@@ -167,8 +145,7 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
         bool good = true;
         for (int step = 0; step < kSupportSteps && good; step++) {
           candidate.p = world(EllipsoidSupport(m->geom_size + 3 * geom, towards));
-          good = soft.box.Holds(candidate.p) &&
-                 soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal);
+          good = soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal);
           towards = MulT(axes, -1 * candidate.normal);
         }
         if (!good) continue;
@@ -204,7 +181,7 @@ int VertexTouches(const Skinned& mine, const Skinned& other, int side, double ma
     const int end = begin + size;
     for (int s = begin; s < end; s++) {
       const Vec3 p = mine.Vertex(s);
-      const bool near = other.box.Holds(p) && other.Distance(p, &scratch->xi[side][s], &share[s], &normals[s]);
+      const bool near = other.Distance(p, &scratch->xi[side][s], &share[s], &normals[s]);
       share[s] = near ? share[s] - radius : mjMAXVAL;
     }
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
@@ -235,14 +212,14 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
     if (side[s].body && side[s].patch < 0) return 0;
   }
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
-  const double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
+  double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
   if (side[0].body && side[1].body) {
-    const Sphere first = DeformedPatch(*side[0].body, side[0].patch, d).Bounds();
-    const Sphere second = DeformedPatch(*side[1].body, side[1].patch, d).Bounds();
-    if (Norm(first.centre - second.centre) > first.radius + second.radius + room) return 0;
-    const Skinned mine = Skin(side[0], d, room, scratch->skinned[0]);
-    const Skinned other = Skin(side[1], d, room, scratch->skinned[1]);
-    if (Apart(mine.box, other.box)) return 0;
+    const DeformedPatch first(*side[0].body, side[0].patch, d), second(*side[1].body, side[1].patch, d);
+    const PatchPose pose[2] = {first.Pose(), second.Pose()};
+    room += first.body().contact_radius() + second.body().contact_radius();
+    if (pose[0].box.Apart(pose[1].box, room)) return 0;
+    const Skinned mine = Skin(first, pose[0], room, d, scratch->skinned[0]);
+    const Skinned other = Skin(second, pose[1], room, d, scratch->skinned[1]);
     int count = VertexTouches(mine, other, 0, margin, scratch, out);
     for (int i = 0; i < count; i++) out[i].normal = -1 * out[i].normal;
     return count + VertexTouches(other, mine, 1, margin, scratch, out + count);
@@ -252,10 +229,11 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const double reach = std::max(0.0, margin) + (1 + kBlend) * body.contact_radius();
   const GeomQuery query(m, d, body.hulls(), rigid, reach);
   if (!query.valid) return 0;
-  const Sphere bounds = DeformedPatch(body, side[s].patch, d).Bounds();
-  if (query.LowerBound(bounds.centre) > bounds.radius + margin) return 0;
+  const DeformedPatch deformed(body, side[s].patch, d);
+  const PatchPose pose = deformed.Pose();
+  if (query.LowerBound(pose.box) > reach) return 0;
   const Features& features = body.features()[rigid];
-  const Skinned soft = Skin(side[s], d, room + features.radius, scratch->skinned[s]);
+  const Skinned soft = Skin(deformed, pose, room + body.contact_radius() + features.radius, d, scratch->skinned[s]);
   int count = GeomTouches(soft, s, query, margin, scratch, out);
   const int vertices = count;
   count += FeatureTouches(m, d, rigid, soft, features, margin, out + count);
@@ -271,7 +249,7 @@ void AddTouchWeights(const mjData* d, const SoftSide side[2], const Touch& touch
   const DeformedPatch deformed(*side[s].body, side[s].patch, d);
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
-    deformed.AddWeights(deformed.Find(touch.position, &xi) ? xi : touch.xi, 1, weight);
+    deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);
     return;
   }
   for (int v = touch.begin; v < touch.end; v++) {
