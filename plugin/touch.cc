@@ -140,8 +140,11 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
       if (!features.round) {
         if (!soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal)) continue;
       } else {
-        // from the side that faces the patch, down the surface's normal
-        Vec3 towards = MulT(axes, soft.Vertex(0) - candidate.p);
+        // down the surface's normal; from where that is at the middle, or else from the side that faces the patch
+        Vec3 towards = MulT(axes, soft.pose.box.centre - candidate.p);
+        if (soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal)) {
+          towards = MulT(axes, -1 * candidate.normal);
+        }
         bool good = true;
         for (int step = 0; step < kSupportSteps && good; step++) {
           candidate.p = world(EllipsoidSupport(m->geom_size + 3 * geom, towards));

@@ -14,6 +14,7 @@ class Deformed:
 
     def __init__(self, model: mujoco.MjModel, view: Soft, owner: int) -> None:
         get = {key: decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "distance", "count")}
+        self.spacing = float(view.configuration["lattice_spacing"])
         self.shape, self.distance = get["shape"].astype(int), get["distance"]
         self.place = np.full(self.shape.prod(), -1)
         self.place[get["node"]] = np.arange(len(get["node"]))
@@ -63,6 +64,26 @@ class Deformed:
         fraction[axis] = end
         corner = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
         return np.where(corner, fraction, 1 - fraction).prod(axis=1)
+
+    def _slope(self, xi: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """∂/∂ξ (3, …) of what the nodes have as `values` (n, …)."""
+        nodes, _ = self._cell(xi)
+        return np.array(
+            [np.tensordot(self._cell_share(xi, a, 1) - self._cell_share(xi, a, 0), values[nodes], 1) for a in range(3)]
+        )
+
+    def outward(self, p: np.ndarray) -> np.ndarray:
+        """Normal (3,) of the surface above the material point at p (3,)."""
+        xi = self.find(p)
+        for climb in range(4):
+            nodes, share = self._cell(xi)
+            slope = self._slope(xi, self.distance)
+            height = share @ self.distance[nodes] / self.spacing
+            if climb == 3 or abs(height) < 1e-6:
+                break
+            xi = xi - height * slope / np.linalg.norm(slope)
+        normal = np.linalg.solve(self._slope(xi, self.nodes), slope)
+        return normal / np.linalg.norm(normal)
 
     def weights(self, p: np.ndarray) -> np.ndarray:
         """W_j (k,) of the material point at p (3,) in the world."""

@@ -195,17 +195,26 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
 
 
 def pairs(
-    data: mujoco.MjData, expected: list[Touch]
+    model: mujoco.MjModel, data: mujoco.MjData, expected: list[Touch]
 ) -> tuple[list[tuple[mujoco._structs._MjContactList, Touch]], list[mujoco._structs._MjContactList]]:
     """The contacts of vertices with what is expected of them, in their order, and those of the obstacle's features."""
-    found, others = [], []
+    found, others, pushed_out = [], [], []
     rest = list(expected)
     for contact in data.contact:
-        if rest and rest[0].geom in contact.geom and abs(contact.dist - rest[0].distance) < 1e-8:
-            found.append((contact, rest.pop(0)))
-        else:
-            others.append(contact)
-    assert not rest
+        while True:
+            same = rest and rest[0].geom in contact.geom
+            if same and abs(contact.dist - rest[0].distance) < 1e-8:
+                found.append((contact, rest.pop(0)))
+            elif same and any(abs(contact.dist - touch.distance) < 1e-8 for touch in rest[1:5]):
+                pushed_out.append(rest.pop(0))
+                continue
+            else:
+                others.append(contact)
+            break
+    # none is missing but those that would push the surface out, over an obstacle that is inside
+    for touch in pushed_out + rest:
+        volume = Deformed(model, soft(model, data, "soft0"), int(model.geom_bodyid[touch.geom]))
+        assert volume.outward(touch.centre) @ touch.normal > 0.5
     return found, others
 
 
@@ -214,7 +223,7 @@ def test_contacts_are_the_pressure_centres_of_the_clusters(obstacle: Obstacle, d
     model, data = touching(obstacle, depth=depth)
     radius = float(soft(model, data, "soft0").configuration["contact_radius"])
     expected = touches(model, data, obstacle)
-    for contact, touch in pairs(data, expected)[0]:
+    for contact, touch in pairs(model, data, expected)[0]:
         sign = 1 if contact.geom[1] == touch.geom else -1  # MuJoCo's normals point from the first geom to the second
         assert touch.geom in contact.geom
         assert contact.dist == pytest.approx(touch.distance, abs=1e-9)
@@ -229,7 +238,7 @@ def test_rows_are_the_velocity_of_the_material_point(obstacle: Obstacle, cone: s
     model, data = touching(obstacle, cone, jacobian)
     rows = dense_constraints(model, data)
     view = soft(model, data, "soft0")
-    found, others = pairs(data, touches(model, data, obstacle))
+    found, others = pairs(model, data, touches(model, data, obstacle))
     for contact in others:
         geom = contact.geom[0] + contact.geom[1] - model.geom("obstacle").id
         weight = Deformed(model, view, int(model.geom_bodyid[geom])).weights(contact.pos)
@@ -246,7 +255,7 @@ def test_rows_are_the_velocity_of_the_material_point(obstacle: Obstacle, cone: s
             edges = zip(contact.friction, others, strict=False)
             wanted = [normal + sign * mu * other for mu, other in edges for sign in (1, -1)]
         start = contact.efc_address
-        np.testing.assert_allclose(rows[start : start + len(wanted)], wanted, atol=1e-7)
+        np.testing.assert_allclose(rows[start : start + len(wanted)], wanted, atol=1e-8)
     np.testing.assert_array_equal(data.qpos, position)
     np.testing.assert_allclose(data.efc_vel, rows @ data.qvel, atol=1e-12)
 
@@ -292,10 +301,3 @@ def test_a_height_field_is_refused_where_mujoco_has_no_contacts_for_it() -> None
     attach(spec.worldbody, beam(), "soft0")
     with pytest.raises(ValueError, match="plugin->init failed"):
         spec.compile()
-
-
-def test_soft_bodies_pass_through_each_other() -> None:
-    weightless = "<mujoco><option gravity='0 0 0'/></mujoco>"
-    model, data = compiled(weightless, (beam(), (0, 0, 0), (1, 0, 0, 0)), (lump(), (-0.1, 0.1, -0.4), (1, 0, 0, 0)))
-    mujoco.mj_forward(model, data)
-    assert data.ncon == 0
