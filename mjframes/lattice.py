@@ -18,9 +18,9 @@ from mjframes.control import control_weights
 from mjframes.grid import voxel_grid
 from mjframes.surfaces import Surface, surface_weights
 
-NODES = 4000  # at most: 50 kB of distances and indices, and half a megabyte of weights
+NODES = 8000  # at most: 0.1 MB of distances and indices, and a megabyte of weights
 GROWTH = 1.15  # [-] of the spacing, until the nodes are few enough
-BAND = 3.0  # [cells] outside the surface that nodes reach, so that all cells within one of it are complete
+BAND = 2.5  # [cells] outside the surface that nodes reach, so that all cells within half a one of it are complete
 COVERED = 0.9  # [-] share of a node's weight that the control points of its patch must have, if any patch's do
 
 

@@ -12,6 +12,7 @@ constexpr double kFound = 1e-13;     // [m] rounding of a world position
 constexpr int kSteps = 20;           // of Newton's method; four are usual
 constexpr int kFullSteps = 6;        // after these it is damped: it may swing between cells of unlike slope
 constexpr double kStride = 3;        // [cells] longest step
+constexpr double kTie = 1e-3;        // [cells] two patches may both have what is midway: neither would be worse
 constexpr int kClimbs = 3;           // steps up to the surface along the distance's gradient
 constexpr double kFlat = 0.05;       // [-] a gradient shorter than this has no direction: midway between two sides
 constexpr double kOnSurface = 1e-6;  // [cells]
@@ -60,6 +61,16 @@ bool DeformedPatch::Owns(const int* nodes) const {
          std::any_of(nodes, nodes + 8, [this](int node) { return lattice_.distance[node] < lattice_.spacing; });
 }
 
+// Whether the nearest of the nodes is under this patch; of several that are as near, any.
+bool DeformedPatch::Nearest(const int* nodes, const Vec3& fraction) const {
+  for (int corner = 0; corner < 8; corner++) {
+    bool near = true;
+    for (int i = 0; i < 3; i++) near &= corner >> i & 1 ? fraction[i] > 0.5 - kTie : fraction[i] < 0.5 + kTie;
+    if (near && lattice_.patch[nodes[corner]] == patch_) return true;
+  }
+  return false;
+}
+
 bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
   for (int corner = 0; corner < 8; corner++) {
     const int node = nodes[corner];
@@ -94,8 +105,7 @@ bool DeformedPatch::Find(const Vec3& p, bool own, Vec3* xi) const {
     Mat3 F;
     const Vec3 gap = p - Interpolate(cell.x, fraction, &F);
     if (Norm(gap) < kFound) {
-      const int nearest = (fraction[0] > 0.5) + 2 * (fraction[1] > 0.5) + 4 * (fraction[2] > 0.5);
-      return !own || lattice_.patch[nodes[nearest]] == patch_;
+      return !own || Nearest(nodes, fraction);
     }
     if (!(Det(F) > kCollapsed * volume)) return false;
     const Vec3 move = Mul(Inverse(F), gap);
@@ -126,9 +136,9 @@ bool DeformedPatch::Surface(const Vec3& xi, Vec3* position, Vec3* normal) const 
   return true;
 }
 
-bool DeformedPatch::Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
+bool DeformedPatch::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
   Vec3 surface;
-  if (!Find(p, true, xi) || !Surface(*xi, &surface, normal)) return false;
+  if (!Find(p, own, xi) || !Surface(*xi, &surface, normal)) return false;
   *distance = Dot(*normal, p - surface);
   return true;
 }

@@ -33,8 +33,8 @@ class DeformedPatch {
   bool Find(const Vec3& p, bool own, Vec3* xi) const;
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
-  // material point at p. False where p is too far outside, under another patch, or midway between two sides.
-  bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const;
+  // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
+  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
 
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
   bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const;
@@ -55,6 +55,7 @@ class DeformedPatch {
   };
 
   bool Owns(const int* nodes) const;
+  bool Nearest(const int* nodes, const Vec3& fraction) const;
   bool Deform(const int* nodes, Cell* cell) const;
 
   const SoftBody& body_;

@@ -25,16 +25,16 @@ struct Skinned {
 
   Vec3 Vertex(int s) const { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
 
-  // Signed distance of p; xi becomes the material point at p.
-  bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
-    if (!pose.box.Holds(p, room)) return false;
+  // Signed distance of p; xi becomes the material point at p. own: only under this patch.
+  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
+    if (own && !pose.box.Holds(p, room)) return false;
     *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
     if (pose.error > kTrusted) {
       *xi = deformed.VertexPoint(Nearest(p));
-    } else if (!deformed.Near(*xi, pose.error)) {
+    } else if (own && !deformed.Near(*xi, pose.error)) {
       return false;
     }
-    return deformed.Distance(p, xi, distance, normal);
+    return deformed.Distance(p, own, xi, distance, normal);
   }
 
   int Nearest(const Vec3& p) const {
@@ -115,6 +115,20 @@ int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double ma
   return count;
 }
 
+// The point of an ellipsoid at `centre` that is deepest in the soft body, down the surface's normal; the centre itself
+// where nothing of the patch is near.
+Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, const Skinned& soft) {
+  Vec3 p = centre, xi, normal;
+  double distance;
+  if (!soft.pose.box.Holds(centre, soft.room + m->geom_rbound[geom])) return centre;
+  if (!soft.Distance(centre, false, &xi, &distance, &normal)) normal = centre - soft.pose.box.centre;
+  for (int step = 0; step < kSupportSteps; step++) {
+    p = centre + Mul(axes, EllipsoidSupport(m->geom_size + 3 * geom, MulT(axes, -1 * normal)));
+    if (!soft.Distance(p, false, &xi, &distance, &normal)) break;
+  }
+  return p;
+}
+
 // The features of a geom that touch the patch; normals point out of the soft body.
 int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& soft, const Features& features,
                    double margin, Touch* out) {
@@ -137,22 +151,8 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
       if (found == kMost) continue;
       Near& candidate = near[found];
       candidate.p = world(features.points[last].position);
-      if (!features.round) {
-        if (!soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal)) continue;
-      } else {
-        // down the surface's normal; from where that is at the middle, or else from the side that faces the patch
-        Vec3 towards = MulT(axes, soft.pose.box.centre - candidate.p);
-        if (soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal)) {
-          towards = MulT(axes, -1 * candidate.normal);
-        }
-        bool good = true;
-        for (int step = 0; step < kSupportSteps && good; step++) {
-          candidate.p = world(EllipsoidSupport(m->geom_size + 3 * geom, towards));
-          good = soft.Distance(candidate.p, &candidate.xi, &share[found], &candidate.normal);
-          towards = MulT(axes, -1 * candidate.normal);
-        }
-        if (!good) continue;
-      }
+      if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
+      if (!soft.Distance(candidate.p, true, &candidate.xi, &share[found], &candidate.normal)) continue;
       share[found] -= features.radius;
       found++;
     }
@@ -184,7 +184,7 @@ int VertexTouches(const Skinned& mine, const Skinned& other, int side, double ma
     const int end = begin + size;
     for (int s = begin; s < end; s++) {
       const Vec3 p = mine.Vertex(s);
-      const bool near = other.Distance(p, &scratch->xi[side][s], &share[s], &normals[s]);
+      const bool near = other.Distance(p, true, &scratch->xi[side][s], &share[s], &normals[s]);
       share[s] = near ? share[s] - radius : mjMAXVAL;
     }
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};

@@ -6,8 +6,16 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 POLYHEDRON = np.array(  # [m] no two of its faces are parallel
-    [[0.07, 0.01, -0.03], [-0.06, 0.03, -0.035], [0.01, -0.07, -0.03], [0.02, 0.06, -0.02]]
-    + [[0.03, 0.02, 0.05], [-0.03, -0.01, 0.04], [0.0, 0.0, 0.01], [-0.02, -0.05, 0.02]]
+    [
+        [0.07, 0.01, -0.03],
+        [-0.06, 0.03, -0.035],
+        [0.01, -0.07, -0.03],
+        [0.02, 0.06, -0.02],
+        [0.03, 0.02, 0.05],
+        [-0.03, -0.01, 0.04],
+        [0.0, 0.0, 0.01],
+        [-0.02, -0.05, 0.02],
+    ]
 )
 TERRAIN = (0.24, 0.2, 0.06, 0.05)  # half sizes, height and depth of the base [m]
 ELEVATION = np.random.default_rng(3).permutation(48).reshape(6, 8) / 64  # exact in single precision

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 from deformed import Deformed
-from scenes import beam, compiled, dense_constraints, dense_inertia, distorted, lump, move_points
+from scenes import beam, compiled, dense_constraints, dense_inertia, distorted, move_points
 from scipy.optimize import brentq
-from solids import HEIGHT_FIELD, MESH, POLYHEDRON, polyhedron_distance, terrain_distance
+from solids import HEIGHT_FIELD, MESH, polyhedron_distance, terrain_distance
 
 from mjframes.mjcf import attach, decode
 from mjframes.view import Soft, soft
