@@ -28,9 +28,10 @@ COVERED = 0.9  # [-] share of a node's weight that the control points of its pat
 class Lattice:
     """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
 
-    spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.  index: (n,) of the nodes in the whole lattice, ascending.
-    distance: (n,) φ [m].  patch: (n,) the patch whose contact sphere is nearest.  weights: (n, k) W_j.
-    spheres: (s, 3) the contact spheres' centres, in cells from the first node.
+    spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.
+    index: (n,) of the nodes in the whole lattice, ascending.  distance: (n,) φ [m].  patch: (n,) the patch whose
+    contact sphere is nearest.  weights: (n, k) W_j.  spheres: (s, 3) the contact spheres' centres, in cells from the
+    first node.
     """
 
     spacing: float

@@ -75,6 +75,7 @@ class Deformed:
     def outward(self, p: np.ndarray) -> np.ndarray:
         """Normal (3,) of the surface above the material point at p (3,)."""
         xi = self.find(p)
+        slope = np.zeros(3)
         for climb in range(4):
             nodes, share = self._cell(xi)
             slope = self._slope(xi, self.distance)
