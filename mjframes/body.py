@@ -18,6 +18,7 @@ from mjframes.errors import MjframesError
 from mjframes.fields import Fields
 from mjframes.fixed import Fixed, fixed_cores
 from mjframes.grid import voxel_grid
+from mjframes.lattice import Lattice, rest_lattice
 from mjframes.material import Material
 from mjframes.null_modes import hold_null_modes
 from mjframes.patches import group_patches
@@ -68,8 +69,8 @@ class SoftBody:
     parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.
     fixed: the first so many frames do not move in the body that the soft body is attached to.
     control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each region [-].
-    skin, contact: its surfaces.  materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how many.
-    fields: what is known at each voxel.
+    skin, contact: its surfaces.  lattice: its rest shape, for contact.  materials: by label.  damping: Rayleigh's
+    (α [1/s], β [s]).  voxels: how many.  fields: what is known at each voxel.
     """
 
     parent: np.ndarray
@@ -79,6 +80,7 @@ class SoftBody:
     fit_error: np.ndarray
     skin: Skin
     contact: ContactSpheres
+    lattice: Lattice
     materials: dict[int, Material]
     damping: tuple[float, float]
     voxels: int
@@ -163,6 +165,9 @@ def build(
         surface_weights(grid, shape_functions, spheres.positions), control, spheres.positions
     )
     patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
+    spheres = spheres.sorted(patches.order)
+    sphere_weights = sparse.csr_array(sphere_weights[patches.order])
+    lattice = rest_lattice(grid, shape_functions, control, surface, spheres, patches.patch, sphere_weights)
     return SoftBody(
         parent=tree.parent,
         fixed=len(cores),
@@ -176,12 +181,13 @@ def build(
             control_weights(surface_weights(grid, shape_functions, surface.vertices), control, surface.vertices),
         ),
         contact=ContactSpheres(
-            spheres.positions[patches.order],
+            spheres.positions,
             spheres.radius,
             patches.patch,
             patches.cluster,
-            sparse.csr_array(sphere_weights[patches.order]),
+            sphere_weights,
         ),
+        lattice=lattice,
         materials=dict(volume.materials),
         damping=(alpha, beta),
         voxels=len(grid.index),

@@ -13,10 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import KDTree
 
-from mjframes.body import SoftBody
-from mjframes.control import control_weights
-from mjframes.grid import voxel_grid
-from mjframes.surfaces import Surface, surface_weights
+from mjframes.control import ControlPoints, control_weights
+from mjframes.grid import Grid
+from mjframes.surfaces import ContactPoints, Surface, surface_weights
 
 NODES = 8000  # at most: 0.1 MB of distances and indices, and a megabyte of weights
 GROWTH = 1.15  # [-] of the spacing, until the nodes are few enough
@@ -29,7 +28,7 @@ class Lattice:
     """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
 
     spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.
-    index: (n,) of the nodes in the whole lattice, ascending.  distance: (n,) φ [m].  patch: (n,) the patch whose
+    node: (n,) their places in the whole lattice, ascending.  distance: (n,) φ [m].  patch: (n,) the patch whose
     contact sphere is nearest.  weights: (n, k) W_j.  spheres: (s, 3) the contact spheres' centres, in cells from the
     first node.
     """
@@ -37,38 +36,64 @@ class Lattice:
     spacing: float
     origin: np.ndarray
     shape: np.ndarray
-    index: np.ndarray
+    node: np.ndarray
     distance: np.ndarray
     patch: np.ndarray
     weights: sparse.csr_array
     spheres: np.ndarray
 
 
-def rest_lattice(body: SoftBody) -> Lattice:
-    """The lattice of a soft body, as fine as its voxels if they are not too many."""
-    volume, control = body.fields.volume, body.control
-    surface = Surface(body.skin.vertices, body.skin.faces, body.skin.label)
-    corner = surface.vertices @ volume.axes
-    low, high = corner.min(axis=0), corner.max(axis=0)
-    spacing = float(np.min(volume.spacing))
-    while True:
-        first = low - (BAND + 0.5) * spacing
-        shape = np.ceil((high - first) / spacing + BAND + 1).astype(np.int64)
-        if np.prod(shape) <= 20 * NODES:
-            local = first + spacing * np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
-            nodes = local @ volume.axes.T
-            distance = signed_distance(surface, nodes, spacing)
-            active = np.flatnonzero(distance < BAND * spacing)
-            if len(active) <= NODES:
-                break
+def rest_lattice(
+    grid: Grid,
+    weights: sparse.csr_array,
+    control: ControlPoints,
+    surface: Surface,
+    spheres: ContactPoints,
+    patch: np.ndarray,
+    sphere_weights: sparse.csr_array,
+) -> Lattice:
+    """The lattice of a soft body, as fine as its voxels if they are not too many.
+
+    weights: (n, f) at the voxels.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
+    """
+    spacing = float(np.min(grid.spacing))
+    # the volume grown by the band, roughly, has to hold no more nodes than that
+    while surface.enclosed + BAND * spacing * surface.area > NODES * spacing**3:
         spacing *= GROWTH
-    grid = voxel_grid(volume)
-    weights = sparse.csr_array(
-        control_weights(surface_weights(grid, body.fields.weights, nodes[active]), control, nodes[active])
+    while True:
+        first, shape, index, nodes = _candidates(grid, surface, spacing)
+        if len(index) <= NODES:
+            break
+        spacing *= GROWTH
+    distance = signed_distance(surface, nodes, spacing)
+    active = distance < BAND * spacing
+    nodes, index, distance = nodes[active], index[active], distance[active]
+    node_weights = sparse.csr_array(control_weights(surface_weights(grid, weights, nodes), control, nodes))
+    return Lattice(
+        spacing=spacing,
+        origin=grid.axes @ first,
+        shape=shape,
+        node=index,
+        distance=distance,
+        patch=_nearest_patch(nodes, node_weights, spheres.positions, patch, sphere_weights, control.frame),
+        weights=node_weights,
+        spheres=(spheres.positions @ grid.axes - first) / spacing,
     )
-    spheres = (body.contact.centers @ volume.axes - first) / spacing
-    patch = _nearest_patch(body, nodes[active], weights)
-    return Lattice(spacing, volume.axes @ first, shape, active, distance[active], patch, weights, spheres)
+
+
+def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The first node (3,) along the volume's axes and the lattice's shape (3,); of the nodes that may be near or inside
+    their places in it (n,) and in volume coordinates (n, 3).
+    """
+    corners = surface.vertices @ grid.axes
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    first = low - (np.ceil(BAND) + 0.5) * spacing
+    shape = np.ceil((high - first) / spacing + BAND + 1).astype(np.int64)
+    index = np.arange(np.prod(shape))
+    nodes = (first + spacing * np.stack(np.unravel_index(index, shape), axis=1)) @ grid.axes.T
+    longest = float(np.linalg.norm(grid.spacing)) + spacing
+    near = KDTree(grid.centers).query(nodes, distance_upper_bound=BAND * spacing + longest)[0] < np.inf
+    return first, shape, index[near], nodes[near]
 
 
 def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.ndarray:
@@ -120,18 +145,26 @@ def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray)
     return weights
 
 
-def _nearest_patch(body: SoftBody, nodes: np.ndarray, weights: sparse.csr_array) -> np.ndarray:
-    """(n,) the patch of the nearest contact sphere; of the nearest eight the first whose points move the node."""
-    frames, spheres = len(body.parent), body.contact
-    moved_by = np.zeros((spheres.patch[-1] + 1, frames))
-    entries = spheres.weights.tocoo()
-    moved_by[spheres.patch[entries.row], body.control.frame[entries.col]] = 1
-    share = np.zeros((len(nodes), frames))
+def _nearest_patch(
+    nodes: np.ndarray,
+    weights: sparse.csr_array,
+    centers: np.ndarray,
+    patch: np.ndarray,
+    sphere_weights: sparse.csr_array,
+    frame: np.ndarray,
+) -> np.ndarray:
+    """(n,) the patch of the nearest contact sphere; of the nearest eight the first whose points move the node.
+
+    centers (s, 3), patch (s,) and sphere_weights (s, k) of the spheres; frame (k,) of the control points.
+    """
+    moved_by = np.zeros((patch.max() + 1, frame.max() + 1))
+    entries = sphere_weights.tocoo()
+    moved_by[patch[entries.row], frame[entries.col]] = 1
+    share = np.zeros((len(nodes), frame.max() + 1))
     entries = weights.tocoo()
-    np.add.at(share, (entries.row, body.control.frame[entries.col]), entries.data)
-    near = KDTree(spheres.centers).query(nodes, k=min(8, len(spheres.centers)))[1].reshape(len(nodes), -1)
-    patch = spheres.patch[near]
-    covered = (share @ moved_by.T)[np.arange(len(nodes))[:, None], patch]
+    np.add.at(share, (entries.row, frame[entries.col]), entries.data)
+    near = KDTree(centers).query(nodes, k=min(8, len(centers)))[1].reshape(len(nodes), -1)
+    covered = (share @ moved_by.T)[np.arange(len(nodes))[:, None], patch[near]]
     good = covered > COVERED
     choice = np.where(good.any(axis=1), good.argmax(axis=1), covered.argmax(axis=1))
-    return patch[np.arange(len(nodes)), choice]
+    return patch[near][np.arange(len(nodes)), choice]

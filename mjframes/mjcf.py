@@ -21,7 +21,6 @@ from mjframes.body import SoftBody
 from mjframes.constants import FORMAT_VERSION
 from mjframes.contact import Contact
 from mjframes.errors import MjframesError
-from mjframes.lattice import rest_lattice
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (plugin/soft.cc)
     "version",
@@ -253,13 +252,13 @@ def _configuration(body: SoftBody, patches: list[np.ndarray]) -> dict[str, str]:
 
 
 def _lattice_configuration(body: SoftBody) -> dict[str, str]:
-    lattice = rest_lattice(body)
+    lattice = body.lattice
     return {
         "lattice_spacing": repr(lattice.spacing),
         "lattice_axes": encode(body.fields.volume.axes),
         "lattice_origin": encode(lattice.origin),
         "lattice_shape": encode(lattice.shape),
-        "lattice_node": encode(lattice.index),
+        "lattice_node": encode(lattice.node),
         "lattice_distance": encode(lattice.distance),
         "lattice_patch": encode(lattice.patch),
         "lattice_count": encode(np.diff(lattice.weights.indptr)),

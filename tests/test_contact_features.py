@@ -12,7 +12,7 @@ from scenes import compiled
 from mjframes.body import SoftBody, build
 from mjframes.contact import Contact
 from mjframes.fixed import Fixed
-from mjframes.lattice import rest_lattice, signed_distance
+from mjframes.lattice import signed_distance
 from mjframes.material import Material
 from mjframes.surfaces import Surface
 from mjframes.view import soft
@@ -102,8 +102,8 @@ def test_a_ball_never_passes(speed: float) -> None:
 
 def test_lattice_knows_the_rest_shape() -> None:
     body = slab()
-    lattice = rest_lattice(body)
-    node = np.stack(np.unravel_index(lattice.index, lattice.shape), axis=1)
+    lattice = body.lattice
+    node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
     at = lattice.origin + lattice.spacing * node
     np.testing.assert_allclose(lattice.weights @ body.control.rest, at, atol=1e-12)  # at rest all is where it is
     np.testing.assert_allclose(lattice.weights.sum(axis=1), 1, atol=1e-12)
@@ -118,7 +118,7 @@ def test_a_ball_and_its_distance() -> None:
     x = (np.indices((24, 24, 24)) - 11.5) * 0.01
     labels = (np.linalg.norm(x, axis=0) < 0.1).astype(int)
     body = build(Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000)}), 2, 4)
-    lattice = rest_lattice(body)
-    node = np.stack(np.unravel_index(lattice.index, lattice.shape), axis=1)
+    lattice = body.lattice
+    node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
     distance = np.linalg.norm(lattice.origin + lattice.spacing * node - 0.12, axis=1) - 0.1
     assert np.abs(lattice.distance - distance).max() < 0.2 * 0.01
