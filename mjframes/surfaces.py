@@ -71,6 +71,10 @@ class ContactPoints:
     normals: np.ndarray
     rank: np.ndarray
 
+    def sorted(self, order: np.ndarray) -> ContactPoints:
+        """The same in another order (s,)."""
+        return ContactPoints(self.positions[order], self.radius, self.normals[order], self.rank[order])
+
 
 def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
     """The closed surface of all materials together, with about `target_vertices` vertices and smooth seams.
