@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.condensation import Products, add_points, empty_products, plain_matrix, relaxed_matrix
 from mjframes.control import ControlPoints, points_of
+from mjframes.cubature import POINTS, cubature
 from mjframes.gradients import product_rule
 from mjframes.grid import Grid
 from mjframes.threads import in_parallel
@@ -118,6 +119,11 @@ def _products(
     m = len(points_of(control, frames)[0])
     material = grid.table[grid.material[piece.voxels[rows[0]]]]
     total = empty_products((material.young, *material.lame), len(frames), m, piece.cells)
+    if piece.fit is not None and len(rows) * len(piece.offsets) > POINTS:
+        nodes, shares = cubature(grid.index[piece.voxels[rows]], piece.offsets)
+        points = grid.origin + (nodes + 0.5) * grid.spacing @ grid.axes.T
+        _add(total, control, frames, piece, grid.cell_volume * shares, points, *_linear(piece, points), None)
+        return total
     for start in range(0, len(rows), BLOCK):
         some = rows[start : start + BLOCK]
         voxels = piece.voxels[some]
@@ -126,18 +132,38 @@ def _products(
             middle = weights_at(weights, voxels, frames)
             slope = weight_gradients(grid, weights, voxels, frames, component)
         else:
-            middle = piece.fit[0] + (centers - piece.center) @ piece.fit[1:]
-            slope = np.broadcast_to(piece.fit[1:].T, (len(some), len(frames), 3)).copy()
+            middle, slope = _linear(piece, centers)
         for offset in piece.offsets:
             step = grid.axes @ (offset * grid.spacing)
-            points, value = centers + step, middle + slope @ step
-            functions, gradients = product_rule(control, frames, value, slope, points)
             cells = piece.cells
             in_cells = None if cells is None else (cells.voxel_cell[some], cells.place[some] + offset / cells.factor)
-            place = (points - piece.center) / piece.length
             volume = grid.cell_volume / len(piece.offsets)
-            add_points(total, volume, place, value, slope, functions, gradients, in_cells)
+            _add(total, control, frames, piece, volume, centers + step, middle + slope @ step, slope, in_cells)
     return total
+
+
+def _linear(piece: Piece, points: Array) -> tuple[Array, Array]:
+    """The linear weights (s, f) and their slopes (s, f, 3) [1/m] at points (s, 3) [m]."""
+    assert piece.fit is not None
+    slope = np.broadcast_to(piece.fit[1:].T, (len(points), *piece.fit[1:].T.shape))
+    return piece.fit[0] + (points - piece.center) @ piece.fit[1:], slope.copy()
+
+
+def _add(
+    total: Products,
+    control: ControlPoints,
+    frames: NDArray[np.int64],
+    piece: Piece,
+    volume: float | Array,
+    points: Array,
+    value: Array,
+    slope: Array,
+    in_cells: tuple[NDArray[np.integer], Array] | None,
+) -> None:
+    """Add points (s, 3) [m] with weights `value` (s, f) and `slope` (s, f, 3)."""
+    functions, gradients = product_rule(control, frames, value, slope, points)
+    place = (points - piece.center) / piece.length
+    add_points(total, volume, place, value, slope, functions, gradients, in_cells)
 
 
 def _rows_of_one_material(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
