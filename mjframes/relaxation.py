@@ -24,7 +24,7 @@ from mjframes.gradients import product_rule
 from mjframes.grid import Grid
 from mjframes.threads import in_parallel
 from mjframes.voxel_fem import CellGrid, cell_grid, elimination_cost
-from mjframes.weights import weight_gradients, weights_at
+from mjframes.weights import column_of, weight_gradients, weights_at
 
 Array = NDArray[np.float64]
 
@@ -212,14 +212,17 @@ def _linear_fit(
     young = grid.per_material("young")[np.unique(grid.material[voxels])]
     if young.max() >= HOMOGENEOUS * young.min():
         return None
-    share = np.full(len(voxels), 1 / len(voxels))
-    centers, dense = grid.points(voxels), weights_at(weights, voxels, frames)
-    mean = share @ dense
-    centers -= share @ centers
-    moment = centers.T @ dense
-    slope = np.linalg.pinv(centers.T @ centers, rcond=FLAT, hermitian=True) @ moment
-    square = share @ np.einsum("vi,vi->v", dense, dense) - mean @ mean - np.sum(slope * moment) / len(voxels)
-    return np.vstack([mean, slope]) if square < NEARLY_LINEAR**2 else None
+    n, (mean, square, total, moment, norm) = (
+        len(voxels),
+        _fit_moments(
+            grid.index, voxels, weights.indptr, weights.indices, weights.data, column_of(weights, frames), len(frames)
+        ),
+    )
+    square = (square - np.outer(mean, mean) / n) * np.outer(grid.spacing, grid.spacing)
+    moment = (moment - np.outer(mean, total) / n) * grid.spacing[:, None]
+    slope = np.linalg.pinv(square, rcond=FLAT, hermitian=True) @ moment
+    residual = norm - total @ total / n - np.sum(slope * moment)
+    return np.vstack([total / n, grid.axes @ slope]) if residual < n * NEARLY_LINEAR**2 else None
 
 
 def _piece(
@@ -233,9 +236,8 @@ def _piece(
     columns: int,
 ) -> Piece:
     """One piece; work: [flop] that eliminating its cells' nodes may take, for so many right-hand sides."""
-    centers = grid.points(voxels)
-    center = np.full(len(voxels), 1 / len(voxels)) @ centers
     index = grid.index[voxels]
+    center = grid.origin + (index.mean(axis=0) + 0.5) * grid.spacing @ grid.axes.T
     length = 0.5 * float(np.linalg.norm((np.ptp(index, axis=0) + 1) * grid.spacing))
     young = grid.per_material("young")
     thickness = _thickness(grid.index, grid.padded, component, grid.material, young, voxels)
@@ -291,3 +293,28 @@ def _thickness(index, padded, component, material, young, voxels):
             if n < 0 or component[n] != component[v] or young[material[n]] * HOMOGENEOUS <= e:
                 ends[axis] += e
     return total / ends
+
+
+@njit(cache=True, nogil=True)
+def _fit_moments(index, voxels, indptr, indices, data, column, frames):
+    """Σ x (3,), Σ x xᵀ (3, 3), Σ w (f,), Σ x wᵀ (3, f), Σ w · w, x the index from that of the first voxel: integers."""
+    first, second, total, product, norm = np.zeros(3), np.zeros((3, 3)), np.zeros(frames), np.zeros((3, frames)), 0.0
+    x = np.empty(3)
+    for v in voxels:
+        for a in range(3):
+            x[a] = index[v, a] - index[voxels[0], a]
+            first[a] += x[a]
+            for b in range(a + 1):
+                second[a, b] += x[a] * x[b]
+        for k in range(indptr[v], indptr[v + 1]):
+            i, w = column[indices[k]], data[k]
+            if i < 0:
+                continue
+            norm += w * w
+            total[i] += w
+            for a in range(3):
+                product[a, i] += x[a] * w
+    for a in range(3):
+        for b in range(a):
+            second[b, a] = second[a, b]
+    return first, second, total, product, norm
