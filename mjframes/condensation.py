@@ -103,7 +103,7 @@ def add_points(
     g = 3 * m + _LOWER
     fields, values = _fields(_POWERS, _LOWER, place, weights, slopes, functions, gradients)
     columns, weighted, stretch = np.split(fields, [g, g + 1 + f], axis=1)
-    own, factor = (columns, volume) if np.isscalar(volume) else (columns * np.reshape(volume, (-1, 1)), 1.0)
+    own, factor = (columns, volume) if isinstance(volume, float) else (columns * np.reshape(volume, (-1, 1)), 1.0)
     moved, tested = own[:, : 3 * m].reshape(-1, m, 3), own[:, 3 * m :]
     total.gram[:] += factor * (own.T @ columns)  # of equal volumes the same factor twice: half the work
     total.mean[:] += factor * (weighted[:, 0] @ own)

@@ -214,7 +214,7 @@ def test_meshes_are_voxelized_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     def make(frames: int, **settings: Any) -> Volume:
         with pytest.warns(MeshWarning, match="inside out"):  # again each time
-            volume = Volume.from_meshes([(str(path), FLESH)], **({"voxels": 500} | settings))
+            volume = Volume.from_meshes([(str(path), FLESH)], **(settings or {"voxels": 500}))
         build(volume, frames, frames)
         return volume
 
@@ -227,7 +227,7 @@ def test_meshes_are_voxelized_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write((0.2, 0.05, 0.04))
     assert make(2).labels.shape != first.labels.shape
     assert len(runs) == 2
-    for settings in ({"voxels": 400}, {"scale": 2.0}, {"voxels": None, "spacing": 0.01}, {"fill": FLESH}):
+    for settings in ({"voxels": 400}, {"voxels": 500, "scale": 2.0}, {"spacing": 0.01}, {"voxels": 500, "fill": FLESH}):
         make(2, **settings)
     assert len(runs) == 6
 
