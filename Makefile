@@ -29,7 +29,7 @@ test-mujoco4: $(VENV4)/installed
 	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q -m "not dm_control"
 
 bench: $(VENV)/installed
-	$(VENV)/bin/python -m mjframes.bench
+	$(VENV)/bin/mjframes bench
 
 lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check

@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `view`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -165,6 +165,19 @@ def doctor(arguments: argparse.Namespace) -> int:
     return examine()
 
 
+def bench(arguments: argparse.Namespace) -> int:
+    """Measure precomputation and steps."""
+    from mjframes import bench as benchmark
+
+    if arguments.growth:
+        benchmark.main_of_growth(arguments.growth)
+    elif arguments.file:
+        benchmark.main_of_file(arguments.file, arguments.count, arguments.frames)
+    else:
+        benchmark.main()
+    return 0
+
+
 def largest_piece(volume: Volume) -> Volume:
     """The volume without its smaller pieces; prints how much that is."""
     largest = volume.largest_component()
@@ -288,6 +301,15 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(command=view)
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
 
+    command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
+    command.set_defaults(command=bench)
+    command.add_argument("file", nargs="?", metavar="FILE", help="only the precomputation of this mesh or volume")
+    sizes = command.add_mutually_exclusive_group()
+    sizes.add_argument("--cells", dest="count", type=_amount, metavar="N", help="of a mesh's grid (default 7e6)")
+    sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
+    command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
+    command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
+
     command = commands.add_parser("doctor", help="tell what is installed and whether it works")
     command.set_defaults(command=doctor)
     return parser
@@ -297,6 +319,16 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)
+
+
+def _amount(text: str) -> int:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 1000):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1000 on")
+    return int(value)
 
 
 def _spacing(text: str) -> tuple[float, ...]:
