@@ -6,6 +6,7 @@ Forces f_v on voxels act on control point j as Σ_v W_j(v) f_v, and a voxel move
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -19,14 +20,19 @@ from mjframes.fixed import Fixed
 from mjframes.material import Material
 from mjframes.mjcf import attach
 from mjframes.report.cases import Case
-from mjframes.report.equilibrium import seconds_per_step, settle
+from mjframes.report.equilibrium import release, seconds_per_step, seconds_to_rest, settle
 from mjframes.view import soft
 from mjframes.volume import Volume
 
 Array = NDArray[np.float64]
 
 TYPES = ("affine", "rigid", "quadratic")
-KERNELS = ("voronoi", "harmonic", "linear")
+KERNELS = {  # name: options of `build`
+    "voronoi": {"weights": "voronoi"},
+    "voronoi 2": {"weights": "voronoi", "subdivisions": 2},
+    "harmonic": {"weights": "harmonic"},
+    "linear": {"weights": "linear"},
+}
 SAMPLES = 3  # [a frame] of kernels that are not linear between the frames
 
 
@@ -64,9 +70,19 @@ class Contender:
     timestep: float
     model: mujoco.MjModel
     data: mujoco.MjData
+    push: Callable[[], None]
+    field: Callable[[], Array]
+    goal: Array
 
     def seconds_per_step(self, timestep: float, least: float) -> float:
         return seconds_per_step(self.model, self.data, timestep, least)
+
+    def seconds_to_rest(self) -> float:
+        return seconds_to_rest(self.model, self.data, self.push, self.steps, self.timestep)
+
+    def release(self, timestep: float, steps: int) -> Array:
+        """(steps,) the quantity of interest [m] once the load is gone."""
+        return release(self.model, self.data, lambda: float(np.sum(self.goal * self.field())), timestep, steps)
 
 
 def settings(case: Case, quick: bool) -> list[Setting]:
@@ -106,12 +122,15 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
         arm = data.xpos[view.bodies] - data.xipos[view.bodies]
         np.add.at(data.xfrc_applied, view.bodies, np.hstack([force, np.cross(arm, force)]))
 
-    result = settle(model, data, push, lambda: shapes @ view.control_positions - rest)
+    def field() -> Array:
+        return np.asarray(shapes @ view.control_positions) - rest
+
+    result = settle(model, data, push, field)
     if not result:
         raise MjframesError("the body does not come to rest.")
     return Contender(
         f"{setting.frames} free frames", setting.family, model.nv, result["moved"], build_seconds, result["steps"],
-        result["timestep"], model, data,
+        result["timestep"], model, data, push, field, case.goal,
     )  # fmt: skip
 
 
@@ -122,9 +141,9 @@ def built(case: Case, volume: Volume, setting: Setting) -> SoftBody:
         volume,
         samples=samples,
         frame_type=setting.frame_type,
-        weights=setting.kernel,
         relax=setting.relax,
         fixed=[Fixed(case.fixed)],
+        **KERNELS[setting.kernel],
         **places,
     )
 

@@ -26,7 +26,7 @@ def settle(
     """Steps until nothing moves any more; the state stays in `data`.
 
     push: sets the applied forces, at the present configuration.  field: displacements (n, 3) [m].
-    Returns moved (n, 3), steps to within 1 % of them, all steps, timestep [s]; {} if no time step leads to rest.
+    Returns moved (n, 3), steps to within 1 % of them, timestep [s]; {} if no time step leads to rest.
     """
     for timestep in TIMESTEPS:
         mujoco.mj_resetData(model, data)
@@ -37,19 +37,59 @@ def settle(
         while len(history) <= MOST_STEPS and time.perf_counter() - start < MOST_SECONDS:
             push()
             mujoco.mj_step(model, data)
-            if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(data.qpos).all():
-                break
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_flex(model, data) if model.nflex else None
+            _place(model, data)
             history.append(field())
             size = np.linalg.norm(history[-1])
+            if not np.isfinite(size) or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+                break
             if len(history) > 3 and all(
                 np.linalg.norm(history[-1] - history[-back]) < AT_REST * size for back in (2, 3)
             ):
                 away = [np.linalg.norm(moved - history[-1]) for moved in history]
                 steps = 1 + max(k for k, distance in enumerate(away) if distance > NEAR * size)
-                return {"moved": history[-1], "steps": steps, "all_steps": len(history) - 1, "timestep": timestep}
+                return {"moved": history[-1], "steps": steps, "timestep": timestep}
     return {}
+
+
+def seconds_to_rest(model: mujoco.MjModel, data: mujoco.MjData, push: Callable[[], None], steps: int, h: float) -> float:
+    """Wall time [s] of the first `steps` steps of h [s] from the undeformed state; the state is kept."""
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.zeros(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, state, kind)
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_forward(model, data)
+    model.opt.timestep, spent = h, 0.0
+    for _ in range(steps):
+        push()
+        start = time.perf_counter()
+        mujoco.mj_step(model, data)
+        spent += time.perf_counter() - start
+    mujoco.mj_setState(model, data, state, kind)
+    mujoco.mj_forward(model, data)
+    return spent
+
+
+def release(
+    model: mujoco.MjModel, data: mujoco.MjData, quantity: Callable[[], float], timestep: float, steps: int
+) -> np.ndarray:
+    """(steps,) the quantity after each step without applied forces, from the state in `data`, at rest."""
+    model.opt.timestep = timestep
+    data.xfrc_applied[:] = 0
+    data.qvel[:] = 0
+    history = np.empty(steps)
+    for k in range(steps):
+        mujoco.mj_step(model, data)
+        _place(model, data)
+        history[k] = quantity()
+    return history
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Positions that belong to qpos: after a step they are those of its start."""
+    mujoco.mj_kinematics(model, data)
+    if model.nflex:
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_flex(model, data)
 
 
 def seconds_per_step(model: mujoco.MjModel, data: mujoco.MjData, timestep: float, least: float) -> float:

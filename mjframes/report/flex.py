@@ -11,6 +11,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 WORKER = Path(__file__).with_name("flex_worker.py")
 LEAST_VERSION = (4, 0, 0)
 ORDER = {"full": 1, "trilinear": 1, "quadratic": 2}
-LADDER = (4, 12, 32, 96, 288, 800)  # [cells] tried, about; `MOST_DOFS` ends it
+LADDER = (1, 2, 4, 8, 16, 48, 144, 432, 1300)  # [cells] tried, about; `MOST_DOFS` ends it
 MOST_DOFS, MOST_DOFS_QUICK = 6000, 800
 
 
@@ -63,8 +64,16 @@ class FlexContender:
     process: FlexProcess
 
     def seconds_per_step(self, timestep: float, least: float) -> float:
-        order = {"do": "time", "id": self.number, "timestep": timestep, "least": least}
-        return float(str(self.process.ask(order)["seconds"]))
+        return self._ask("step", timestep=timestep, least=least)["seconds"]
+
+    def seconds_to_rest(self) -> float:
+        return self._ask("rest", timestep=self.timestep, steps=self.steps)["seconds"]
+
+    def release(self, timestep: float, steps: int) -> Array:
+        return np.array(self._ask("release", timestep=timestep, steps=steps)["history"])
+
+    def _ask(self, what: str, **values: float) -> dict[str, Any]:
+        return self.process.ask({"do": what, "id": self.number, **values})
 
 
 class FlexProcess:
@@ -81,7 +90,7 @@ class FlexProcess:
                 cwd=self._folder.name,  # where MuJoCo writes its log
                 text=True,
             )
-            self.version = str(self.ask({"do": "version"})["version"])
+            self.version = self.ask({"do": "version"})["version"]
         except (OSError, MjframesError) as error:
             raise MjframesError(f"{python} cannot run MuJoCo's flex; give a Python that has mujoco 4.0.0.") from error
         if tuple(int(part) for part in self.version.split(".")[:3]) < LEAST_VERSION:
@@ -99,7 +108,7 @@ class FlexProcess:
         self._process.wait()
         self._folder.cleanup()
 
-    def ask(self, order: dict[str, object]) -> dict[str, object]:
+    def ask(self, order: dict[str, Any]) -> dict[str, Any]:
         """The answer. Raises MjframesError with the other side's error."""
         assert self._process.stdin
         assert self._process.stdout
@@ -130,6 +139,7 @@ class FlexProcess:
             poisson=grid.per_material("poisson")[grid.material],
             held=held,
             load=load,
+            goal=case.goal,
             mass=np.sum(grid.density[~held]) * grid.cell_volume,
             low=corner.min(axis=0),
             high=corner.max(axis=0) + grid.spacing,
@@ -148,12 +158,12 @@ class FlexProcess:
         return FlexContender(
             name=f"{'×'.join(map(str, setting.cells))} cells",
             family=setting.family,
-            dofs=int(str(answer["dofs"])),
+            dofs=answer["dofs"],
             moved=np.load(result),
-            build_seconds=float(str(answer["build_seconds"])),
-            steps=int(str(answer["steps"])),
-            timestep=float(str(answer["timestep"])),
-            edited=bool(answer["edited"]),
+            build_seconds=answer["build_seconds"],
+            steps=answer["steps"],
+            timestep=answer["timestep"],
+            edited=answer["edited"],
             number=self._count,
             process=self,
         )

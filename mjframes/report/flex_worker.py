@@ -12,14 +12,16 @@ import json
 import os
 import sys
 import time
+from functools import partial
 from itertools import permutations
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from equilibrium import seconds_per_step, settle  # noqa: E402  this folder is no package here
+from equilibrium import release, seconds_per_step, seconds_to_rest, settle  # noqa: E402  this folder is no package here
 
 POINTS = 3  # [a voxel and axis] Gauss's points of its stiffness
 ORDER = {"full": 1, "trilinear": 1, "quadratic": 2}
@@ -228,23 +230,32 @@ def main() -> None:
         answers.flush()
 
 
-def respond(order: dict[str, object], flexes: dict[int, Flex]) -> dict[str, object]:
+def respond(order: dict[str, Any], flexes: dict[int, Flex]) -> dict[str, object]:
     match order["do"]:
         case "version":
             return {"version": mujoco.__version__}
         case "solve":
-            with np.load(str(order["job"])) as file:
+            with np.load(order["job"]) as file:
                 job = {name: file[name] for name in file.files}
-            flex = Flex(job, str(order["dof"]))
-            result = settle(flex.model, flex.data, lambda: flex.apply(job["load"]), flex.field)
+            flex = Flex(job, order["dof"])
+            result = settle(flex.model, flex.data, partial(flex.apply, job["load"]), flex.field)
             if not result:
                 return {"error": "it does not come to rest"}
-            np.save(str(order["result"]), result.pop("moved"))
-            flexes[int(str(order["id"]))] = flex
+            np.save(order["result"], result.pop("moved"))
+            flexes[order["id"]] = flex
             return result | {"dofs": flex.model.nv, "build_seconds": flex.build_seconds, "edited": flex.edited}
-        case "time":
-            flex = flexes[int(str(order["id"]))]
-            return {"seconds": seconds_per_step(flex.model, flex.data, float(str(order["timestep"])), float(str(order["least"])))}
+        case "step":
+            flex = flexes[order["id"]]
+            return {"seconds": seconds_per_step(flex.model, flex.data, order["timestep"], order["least"])}
+        case "rest":
+            flex = flexes[order["id"]]
+            push = partial(flex.apply, flex.job["load"])
+            return {"seconds": seconds_to_rest(flex.model, flex.data, push, order["steps"], order["timestep"])}
+        case "release":
+            flex = flexes[order["id"]]
+            quantity = lambda: float(np.sum(flex.job["goal"] * flex.field()))  # noqa: E731
+            history = release(flex.model, flex.data, quantity, order["timestep"], order["steps"])
+            return {"history": history.tolist()}
         case "forget":
             flexes.clear()
             return {}
