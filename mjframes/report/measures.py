@@ -138,32 +138,53 @@ def front(rows: Sequence[Row], value: Callable[[Row], float]) -> list[Row]:
 
 @dataclass(frozen=True)
 class Race:
-    """mine: the frames whose lead over flex is the largest among those within `bound`; theirs: the fastest flex that is
-    as exact or better, None if there is none.  lead: ratio of the seconds per step.
+    """Who is faster at the same error.
+
+    bound: the first of USEFUL that frames reach.  mine: the frames within it whose lead is the largest; theirs: the
+    fastest flex as exact as these or better, None if there is none; lead: the ratio of their seconds per step.
+    fastest, fastest_flex: within the bound, however exact; None if none is.
     """
 
     case: str
     bound: float
     mine: Row | None
     theirs: Row | None
-    lead: float
+    fastest: Row | None
+    fastest_flex: Row | None
+
+    @property
+    def lead(self) -> float:
+        """∞ where no flex that was tried is as exact, 0 where no frames reach the bound."""
+        return _ratio(self.theirs, self.mine)
+
+    @property
+    def lead_within_bound(self) -> float:
+        return _ratio(self.fastest_flex, self.fastest)
 
 
 def race(case: str, rows: Sequence[Row], bounds: Sequence[float] = USEFUL) -> Race:
-    """Who is faster at the same error; at the first of the bounds that frames reach."""
-    flex = [row for row in rows if row.kind == "flex"]
-    for bound in bounds:
-        mine = [row for row in rows if row.kind == "mjframes" and row.error <= bound]
-        if not mine:
-            continue
-        leads = []
-        for row in mine:
-            rivals = [other for other in flex if other.error <= row.error]
-            rival = min(rivals, key=lambda r: r.step_seconds) if rivals else None
-            leads.append((rival.step_seconds / row.step_seconds if rival else np.inf, row, rival))
-        lead, row, rival = max(leads, key=lambda entry: (entry[0], -entry[1].step_seconds))
-        return Race(case, bound, row, rival, float(lead))
-    return Race(case, bounds[-1], None, None, 0.0)
+    """Leads over a flex that exists are preferred to leads over none."""
+    reached = [bound for bound in bounds if any(r.kind == "mjframes" and r.error <= bound for r in rows)]
+    bound = reached[0] if reached else bounds[-1]
+    frames, flex = ([r for r in rows if r.kind == kind] for kind in ("mjframes", "flex"))
+    duels = []
+    for row in (r for r in frames if r.error <= bound):
+        rival = _fastest([other for other in flex if other.error <= row.error])
+        lead = _ratio(rival, row)
+        duels.append((np.isfinite(lead), lead, -row.step_seconds, row, rival))
+    *_, mine, theirs = max(duels, key=lambda duel: duel[:3]) if duels else (None, None)
+    within = [_fastest([r for r in some if r.error <= bound]) for some in (frames, flex)]
+    return Race(case, bound, mine, theirs, *within)
+
+
+def _fastest(rows: Sequence[Row]) -> Row | None:
+    return min(rows, key=lambda row: row.step_seconds, default=None)
+
+
+def _ratio(slow: Row | None, quick: Row | None) -> float:
+    if quick is None:
+        return 0.0
+    return float("inf") if slow is None else slow.step_seconds / quick.step_seconds
 
 
 @dataclass(frozen=True)
