@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -122,14 +123,11 @@ def draw_shapes(path: Path, outcomes: Sequence[Outcome]) -> None:
                 axes.add_collection(LineCollection(list(places[links]), colors=color, linewidths=width))
             axes.autoscale()
             axes.set_aspect("equal")
-            axes.set_axis_off()
+            axes.set(xticks=[], yticks=[], frame_on=False)
             axes.set_title(name, fontsize="x-small", color=style(name)[0])
+        panels[0].set_ylabel(f"{textwrap.fill(case.title, 26)}\n× {scale:.3g}", fontsize="x-small", rotation=0, ha="right")
         for axes in panels[len(named) :]:
             axes.set_axis_off()
-        panels[0].text(
-            0, 1.25, f"{case.title} (displacements × {scale:.3g}; grey: finite elements)",
-            transform=panels[0].transAxes, fontsize="small",
-        )  # fmt: skip
     _save(path, figure)
 
 
