@@ -14,11 +14,11 @@ from pathlib import Path
 
 from mjframes.bench import machine
 from mjframes.errors import MjframesError
-from mjframes.report.cases import bar, cases
+from mjframes.report.cases import all_cases, bar
 from mjframes.report.flex import FlexProcess
 from mjframes.report.measures import compare
 from mjframes.report.page import Findings, write_csv, write_page
-from mjframes.report.reference import reference
+from mjframes.report.reference import refined
 from mjframes.report.table2 import measure
 from mjframes.report.vibration import exact_vibration, vibrations
 
@@ -42,13 +42,13 @@ def write_report(
             'the report needs matplotlib, which is not installed; pip install "mjframes[report]".'
         ) from error
     start = time.perf_counter()
-    chosen = cases(quick)
+    chosen = all_cases(quick)
     known = {}
     for case in chosen:
         progress(f"finite elements: {case.title}")
-        known[case.name] = reference(case)
+        known[case.name] = refined(case)
     swing = bar("release", "cantilever, let go", "weight", across=6)
-    bent = reference(swing)
+    bent = refined(swing)
     with FlexProcess(mujoco4) if mujoco4 else nullcontext() as flex:
         outcomes = [compare(case, known[case.name], flex, quick, progress) for case in chosen]
         progress("free vibration")

@@ -164,7 +164,10 @@ def plate(name: str, title: str, pull: int, *, fine: int, graded: bool) -> Case:
     fixed, _, end = _along(volume, pull)
     force = np.zeros((len(end), 3))
     force[end, pull] = 1
-    return Case(name, title, volume, fixed, force, _mean(end, pull), (1, 2, 4, 8), heterogeneous=True)
+    centerline = _row(volume) if pull == 0 else None
+    return Case(
+        name, title, volume, fixed, force, _mean(end, pull), (1, 2, 4, 8), centerline, True, centerline is not None
+    )
 
 
 def three_materials() -> Case:
@@ -251,7 +254,7 @@ def steak(path: Path) -> Case:
     )
 
 
-def cases(quick: bool) -> list[Case]:
+def all_cases(quick: bool) -> list[Case]:
     """All, or the few that the quick report has."""
     fine = 5 if quick else 10
     across = 8 if quick else 12

@@ -33,17 +33,18 @@ KERNELS = {  # name: options of `build`
     "harmonic": {"weights": "harmonic"},
     "linear": {"weights": "linear"},
 }
-SAMPLES = 3  # [a frame] of kernels that are not linear between the frames
+SAMPLES = (1, 3)  # [a frame] that are tried: one region a set of frames, or bent weights split further
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to build a case's body. frames: that are free.  averaged: the paper-style variant."""
+    """One way to build a case's body. frames: that are free.  samples: a frame.  averaged: the paper-style variant."""
 
     frames: int
     frame_type: str = "affine"
     kernel: str = "voronoi"
     relax: bool = True
+    samples: int = SAMPLES[0]
     averaged: bool = False
 
     @property
@@ -51,7 +52,8 @@ class Setting:
         """What it has in common with other numbers of frames."""
         if self.averaged:
             return "paper-style (Euclidean kernels, averaged samples)"
-        return f"{self.frame_type}, {self.kernel}{', relaxed' if self.relax else ''}"
+        more = f", {self.samples} samples a frame" if self.samples > SAMPLES[0] else ""
+        return f"{self.frame_type}, {self.kernel}{', relaxed' if self.relax else ''}{more}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,9 @@ def settings(case: Case, quick: bool) -> list[Setting]:
         for kernel in kernels:
             found += [Setting(frames, "affine", kernel, relax) for relax in (True, False)]
             found += [Setting(frames, kind, kernel) for kind in TYPES if kind != "affine"]
-        found.append(Setting(frames, averaged=True, relax=False))
+            if kernel != "linear":
+                found.append(Setting(frames, "affine", kernel, samples=SAMPLES[-1]))
+        found.append(Setting(frames, averaged=True, relax=False, samples=SAMPLES[-1]))
     return found
 
 
@@ -136,10 +140,9 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
 
 def built(case: Case, volume: Volume, setting: Setting) -> SoftBody:
     places = {"frames": setting.frames} if case.places is None else {"at": case.places(setting.frames)}
-    samples = setting.frames if setting.kernel == "linear" else SAMPLES * setting.frames
     return build(
         volume,
-        samples=samples,
+        samples=setting.samples * setting.frames,
         frame_type=setting.frame_type,
         relax=setting.relax,
         fixed=[Fixed(case.fixed)],

