@@ -35,14 +35,14 @@ lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/pyright
-	$(VENV)/bin/clang-format --dry-run -Werror plugin/*.cc plugin/*.h
+	$(VENV)/bin/clang-format --dry-run -Werror plugin/*.cc plugin/*.h plugin/laws/*.h tests/*.cc
 	$(VENV)/bin/cmake -S plugin -B build/lint -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python -DCMAKE_COMPILE_WARNING_AS_ERROR=ON
 	$(VENV)/bin/cmake --build build/lint --parallel
 
 format: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check --fix
 	$(VENV)/bin/ruff format
-	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h
+	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h plugin/laws/*.h tests/*.cc
 
 clean:
 	rm -rf $(VENV) $(VENV4) build dist out .pytest_cache .ruff_cache

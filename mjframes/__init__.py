@@ -25,17 +25,18 @@ from mjframes.errors import MjframesError
 
 if TYPE_CHECKING:
     from mjframes.body import SoftBody, build
-    from mjframes.fixed import Fixed
     from mjframes.material import Material
     from mjframes.mjcf import attach
+    from mjframes.supports import Attached, Fixed
     from mjframes.view import soft
     from mjframes.volume import Volume
 
-__all__ = ["Fixed", "Material", "MjframesError", "SoftBody", "Volume", "attach", "build", "soft"]
+__all__ = ["Attached", "Fixed", "Material", "MjframesError", "SoftBody", "Volume", "attach", "build", "soft"]
 
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
-    "Fixed": "fixed",
+    "Attached": "supports",
+    "Fixed": "supports",
     "Material": "material",
     "SoftBody": "body",
     "Volume": "volume",

@@ -30,7 +30,10 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "kind": np.array(KIND),
         "version": np.array(FORMAT_VERSION),
         "parent": body.parent,
-        "fixed": np.array(body.fixed),
+        "types": np.array(body.types),
+        "links": np.array(body.links, str),
+        "mode": np.array(body.mode),
+        "mass_difference": np.concatenate([np.zeros(0), *map(lower_triangle, body.mass_difference)]),
         "control_frame": body.control.frame,
         "control_rest": body.control.rest,
         "control_mass": body.control.mass,
@@ -80,14 +83,14 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
 
     size = arrays["region_size"]
     ends = np.cumsum(size)[:-1]
-    matrices = np.split(arrays["region_matrix"], np.cumsum(3 * size * (3 * size + 1) // 2)[:-1])
     materials = {
         int(label): Material(**{**m, "rgba": tuple(m["rgba"])})
         for label, m in json.loads(str(arrays["materials"])).items()
     }
     return SoftBody(
         parent=arrays["parent"],
-        fixed=int(arrays["fixed"]),
+        types=tuple(map(str, arrays["types"])),
+        links=tuple(map(str, arrays["links"])),
         control=ControlPoints(
             **{
                 name: arrays[f"control_{name}"]
@@ -97,10 +100,12 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
         stiffness=Stiffness(
             points=tuple(np.split(arrays["region_points"], ends)),
             gradient=tuple(np.split(arrays["region_gradient"], ends)),
-            matrix=tuple(_symmetric(lower, 3 * int(m)) for lower, m in zip(matrices, size, strict=True)),
+            matrix=triangles(arrays["region_matrix"], 3 * size),
             volume=arrays["region_volume"],
         ),
         fit_error=arrays["fit_error"],
+        mass_difference=triangles(arrays["mass_difference"], size),
+        mode=str(arrays["mode"]),
         skin=Skin(arrays["skin_vertices"], arrays["skin_faces"], arrays["skin_label"], weights("skin")),
         contact=ContactSpheres(
             arrays["contact_centers"],
@@ -119,6 +124,14 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
 def lower_triangle(matrix: np.ndarray) -> np.ndarray:
     """(n (n + 1) / 2,) the lower triangle of a symmetric (n, n) matrix, row by row."""
     return matrix[np.tril_indices(len(matrix))]
+
+
+def triangles(values: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The symmetric matrices whose lower triangles stand one after the other in `values`; none for none."""
+    if not len(values):
+        return ()
+    parts = np.split(values, np.cumsum(size * (size + 1) // 2)[:-1])
+    return tuple(_symmetric(lower, int(n)) for lower, n in zip(parts, size, strict=True))
 
 
 def _symmetric(lower: np.ndarray, n: int) -> np.ndarray:

@@ -16,19 +16,22 @@ from mjframes.cache import cached
 from mjframes.control import ControlPoints, control_points, control_weights, frame_types
 from mjframes.errors import MjframesError
 from mjframes.fields import Fields
-from mjframes.fixed import Fixed, fixed_cores
 from mjframes.grid import voxel_grid
+from mjframes.mass import mass_difference
 from mjframes.material import Material
 from mjframes.null_modes import hold_null_modes
 from mjframes.patches import group_patches
 from mjframes.placement import place_frames
 from mjframes.regions import split_regions
 from mjframes.stiffness import Stiffness, region_stiffness
+from mjframes.supports import Attached, Fixed, held_cores
 from mjframes.surfaces import Surface, contact_points, extract_surface, surface_weights
 from mjframes.tree import depth_first, frame_tree
 from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind, frame_weights
 
+MASSES = ("lumped", "consistent")
+MODES = ("implicit", "explicit")
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
 
 
@@ -66,23 +69,32 @@ class SoftBody:
     """Everything a scene needs of a soft body. k control points, f frames, r regions.
 
     parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.
-    fixed: the first so many frames do not move in the body that the soft body is attached to.
-    control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each region [-].
-    skin, contact: its surfaces.  materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how many.
-    fields: what is known at each voxel.
+    types: (f,) of the frames.  links: names of the bodies that hold the first so many frames, "" for the one that the
+    soft body is attached to.  control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each
+    region [-].  mass_difference: consistent minus lumped mass matrix of each region (m, m) [kg], none for lumped mass.
+    mode: "implicit" or "explicit".  skin, contact: its surfaces.  materials: by label.  damping: Rayleigh's (α [1/s],
+    β [s]).  voxels: how many.  fields: what is known at each voxel.
     """
 
     parent: np.ndarray
-    fixed: int
+    types: tuple[str, ...]
+    links: tuple[str, ...]
     control: ControlPoints
     stiffness: Stiffness
     fit_error: np.ndarray
+    mass_difference: tuple[np.ndarray, ...]
+    mode: str
     skin: Skin
     contact: ContactSpheres
     materials: dict[int, Material]
     damping: tuple[float, float]
     voxels: int
     fields: Fields
+
+    @property
+    def held(self) -> int:
+        """How many frames, the first ones, are held by bodies that are there already."""
+        return len(self.links)
 
     def save(self, path: str) -> None:
         """Write an .npz; an existing file is replaced only by a complete one."""
@@ -108,20 +120,26 @@ def build(
     weights: Kind = "voronoi",
     subdivisions: int = 1,
     relax: bool = True,
+    mass: str = "lumped",
+    mode: str = "implicit",
     damping: tuple[float, float] = (0.0, 0.0),
     contact_radius: float | None = None,
     fixed: Sequence[Fixed] = (),
+    attached: Sequence[Attached] = (),
     seed: int = 0,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> SoftBody:
     """Build a soft body from a volume.
 
     frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the paper's
-    integration samples).  frame_type: "affine" (12 degrees of freedom) or "quadratic" (30), for all frames or a
-    sequence with one for each.  weights: "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
-    relax: let the material of each region relax within it.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of
-    the contact spheres [m], half a voxel unless given.  fixed: pieces that do not move in the body that the soft body
-    is attached to; each is a frame of its own, beside those asked for.  progress: called with the name of each stage.
+    integration samples).  frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or "point" (3,
+    translations only, for small rotations), for all frames or a sequence with one for each.  weights: "voronoi"
+    kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
+    relax: let the material of each region relax within it.  mass: "lumped" or "consistent".  mode: "implicit", stable
+    at any step, or "explicit", which does no stiffness work and needs steps shorter than the stiffest vibration.
+    damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
+    fixed, attached: pieces that do not move in the body that the soft body is attached to, or that move with a named
+    one; each is a frame of its own, beside those asked for.  progress: called with the name of each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
     try:
@@ -130,6 +148,10 @@ def build(
         alpha = beta = np.nan
     if not (np.isfinite([alpha, beta]).all() and min(alpha, beta) >= 0):
         raise MjframesError(f"damping is {damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
+    if mass not in MASSES:
+        raise MjframesError(f"mass is {mass!r}; it must be one of {', '.join(map(repr, MASSES))}.")
+    if mode not in MODES:
+        raise MjframesError(f"mode is {mode!r}; it must be one of {', '.join(map(repr, MODES))}.")
     if contact_radius is not None and not 0 < contact_radius <= RADIUS_LIMIT * np.min(volume.spacing):
         raise MjframesError(
             f"contact_radius is {contact_radius!r}; it must be positive and at most {RADIUS_LIMIT:g} voxels, "
@@ -139,7 +161,7 @@ def build(
     progress("listing the voxels")
     grid = voxel_grid(volume)
     progress("placing the frames")
-    cores = fixed_cores(grid, fixed)
+    cores, links = held_cores(grid, fixed, attached)
     placement = place_frames(grid, frames, at, seed, cores)
     types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
     progress("computing the weights")
@@ -155,6 +177,8 @@ def build(
     stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax)
     if not cores:  # a null mode moves all frames of its chain, so a fixed one holds it
         stiffness = hold_null_modes(stiffness, control)
+    consistent = mass == "consistent"
+    difference = mass_difference(grid, shape_functions, control, regions, stiffness) if consistent else ()
     progress("attaching the surfaces")
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
@@ -165,10 +189,13 @@ def build(
     patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
     return SoftBody(
         parent=tree.parent,
-        fixed=len(cores),
+        types=tuple(types),
+        links=links,
         control=control,
         stiffness=stiffness,
         fit_error=regions.fit_error,
+        mass_difference=difference,
+        mode=mode,
         skin=Skin(
             surface.vertices,
             surface.faces,

@@ -1,6 +1,8 @@
-"""Equimomental control points: every frame as 4 or 10 point masses (the paper, equations (3) and (8), row sums).
+"""Equimomental control points: every frame as 1, 4 or 10 point masses (the paper, equations (3) and (8), row sums).
 
 x(p̄) = Σ_j W_j(p̄) x_j with W_j = w_i φ_k, for a frame of order n with d = 4 (affine) or 10 (quadratic) points.
+A rigid frame has those of an affine one, on one body. A point frame (n = 0, d = 1) only translates: with it the sum
+does not reproduce p̄ at rest, and stands for the displacement, x(p̄) = p̄ + Σ_j W_j(p̄) (x_j − x̄_j), as in the paper.
 Let ψ be the monomials of order n made orthonormal under dm/m, constant first, dm = ρ w_i dV, and Q orthogonal with a
 constant first column. Then φ_k = Σ_l Q_kl ψ_l / √d satisfies
 
@@ -28,12 +30,12 @@ from mjframes.weights import frame_count
 POWERS = np.array(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [0, 1, 1], [1, 0, 1]]
 )
-POINTS = {"affine": 4, "quadratic": 10}  # control points of a frame, and monomials of its order
+POINTS = {"point": 1, "rigid": 4, "affine": 4, "quadratic": 10}  # control points of a frame, monomials of its order
 
 TETRAHEDRON = 0.5 * np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])  # Q for d = 4
 _AXIS = np.eye(10)[0] - np.sqrt(0.1)
 TEN_POINTS = np.eye(10) - 2 * np.outer(_AXIS, _AXIS) / (_AXIS @ _AXIS)  # Q for d = 10: a reflection of the first axis
-MIXING = {4: TETRAHEDRON, 10: TEN_POINTS}
+MIXING = {1: np.eye(1), 4: TETRAHEDRON, 10: TEN_POINTS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,7 @@ def _frame(grid: Grid, share: sparse.csr_array, d: int) -> tuple[NDArray[np.floa
     center = dm @ grid.centers[voxels] / mass
     offset = (grid.centers[voxels] - center) @ grid.axes
     scale = np.sqrt((dm @ (offset**2).sum(axis=1)) / mass + (grid.spacing**2).sum() / 12)
-    powers = _mean_powers(offset / scale, grid.spacing / scale, 2 if d == 4 else 4)
+    powers = _mean_powers(offset / scale, grid.spacing / scale, 4 if d == 10 else 2)
     exponents = POWERS[:d]
     # each product of two monomials is a monomial again: its mean over the frame
     products, place = np.unique((exponents[:, None] + exponents[None]).reshape(-1, 3), axis=0, return_inverse=True)
@@ -89,8 +91,8 @@ def _frame(grid: Grid, share: sparse.csr_array, d: int) -> tuple[NDArray[np.floa
     gram = np.array(means)[place.ravel()].reshape(d, d)
     psi = np.linalg.inv(np.linalg.cholesky(gram / mass))  # rows: orthonormal polynomials in the monomials
     phi = MIXING[d] @ psi / np.sqrt(d)
-    first = gram[:, 1:4] / mass  # means of monomial × y
-    rest = center + scale * d * phi @ first @ grid.axes.T
+    first = gram[:, 1:4] / mass  # means of monomial × y; a point frame has no y, and rests at the center
+    rest = center + (scale * d * phi @ first @ grid.axes.T if d > 1 else np.zeros((1, 3)))
     basis = np.zeros((d, len(POWERS)))
     basis[:, :d] = phi
     return rest, np.full(d, mass / d), basis, np.tile(center, (d, 1)), np.full(d, scale)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.constants import FORMAT_VERSION
+from mjframes.constants import VOLUME_VERSION
 from mjframes.errors import MjframesError
 from mjframes.material import Material
 from mjframes.metaimage import read_metaimage
@@ -72,9 +72,9 @@ def _read_npz(path: Path) -> LabelImage:
         if file.read(2) != b"PK":
             raise MjframesError(f"{path}: this is not an .npz archive; write it with Volume.save or numpy.savez.")
     with np.load(path, allow_pickle=False) as archive:
-        if "format_version" in archive and (version := int(archive["format_version"])) != FORMAT_VERSION:
+        if "format_version" in archive and (version := int(archive["format_version"])) != VOLUME_VERSION:
             raise MjframesError(
-                f"{path}: the volume has format version {version}, this mjframes reads {FORMAT_VERSION}; save it anew."
+                f"{path}: the volume has format version {version}, this mjframes reads {VOLUME_VERSION}; save it anew."
             )
         labels = archive["labels"] if "labels" in archive else _only_labels(path, archive)
         spacing, origin = (archive.get(name) for name in ("spacing", "origin"))

@@ -14,6 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+TINY = 1e-15  # [m²] of a region that one point moves
+SINGULAR = 1e-10  # [-] of A Z
 SOFT_TWIST = 0.1  # [-] h_min below which a rotation fitted to the shape takes over; 2 at rest (plugin/corotational.cc)
 
 
@@ -56,10 +58,11 @@ def region_response(
     stretch = 0.5 * (stretch + stretch.T)
     twist = np.linalg.eigvalsh(np.trace(stretch) * np.eye(3) - stretch)[0]
     fade = max(0.0, SOFT_TWIST - twist) / SOFT_TWIST
-    extent = ((rest - rest.mean(axis=0)) ** 2).sum()
+    extent = max(((rest - rest.mean(axis=0)) ** 2).sum(), TINY)
     stack = cross_stack(z)
     row = (cross_stack(-(gradient + 2 * fade / extent * z))).reshape(-1, 3, 3).transpose(1, 0, 2).reshape(3, -1)
-    projection = np.eye(x.size) - stack @ np.linalg.solve(row @ stack, row)
+    inverse = np.linalg.pinv(row @ stack, rcond=SINGULAR)  # points on a line can turn about it unseen
+    projection = np.eye(x.size) - stack @ inverse @ row
     turn = np.kron(np.eye(len(x)), rotation)
     force = -turn @ projection.T @ stiffness @ y
     return force.reshape(-1, 3), turn @ projection.T @ stiffness @ projection @ turn.T

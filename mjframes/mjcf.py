@@ -1,48 +1,35 @@
-"""A soft body as MJCF: a holder, in it nested bodies on slides, one plugin instance, patch geoms, one skin a material.
+"""A soft body as MJCF: a holder, in it nested bodies, one plugin instance, patch geoms, one skin a material.
 
-Control point j is a body at x̄_j − x̄_parent with three slide joints, so that qpos = 0 at rest and x_j = x̄_j + Σ of the
-slides of j and its ancestors. The four points of a frame form a chain; the first hangs on the last of the parent frame.
+Each body carries control points (`carriers`). Those of moving frames are nested in the holder along the elimination
+tree, with qpos = 0 at rest; those of held frames hang on the bodies that hold them.
 """
 
 from __future__ import annotations
 
-import base64
 import re
+import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from scipy import sparse
 
-from mjframes import plugin
-from mjframes.asset import lower_triangle
+from mjframes import links, plugin
 from mjframes.body import SoftBody
-from mjframes.constants import FORMAT_VERSION
+from mjframes.carriers import Carrier, carriers, printable, printable_quaternion
+from mjframes.configuration import configuration, patch_points
 from mjframes.errors import MjframesError
-
-ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model (plugin/soft.cc)
-    "version",
-    "law",
-    "alpha",
-    "beta",
-    "point_rest",
-    "region_size",
-    "region_point",
-    "region_gradient",
-    "region_stiffness",
-    "contact_radius",
-    "patch_size",
-    "patch_clusters",
-    "patch_cluster_size",
-    "patch_point",
-    "patch_weight",
-)
+from mjframes.links import Pose
+from mjframes.supports import PARENT
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
 BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its body's size before the broad phase loses it
-INERTIA = 1e-6  # [-] of m size²: point masses have none, but MuJoCo wants a positive one; slides never turn
-DIGITS = 12  # decimals in SI: what is smaller is rounding, and MuJoCo saves it as 0
 SKIN_WEIGHT = 1e-4  # [-] smaller skin weights are left out: below single precision of a pixel
+
+
+class BranchWarning(UserWarning):
+    """A soft body couples branches of the kinematic tree that MuJoCo's inertia matrix does not."""
 
 
 def attach(
@@ -52,85 +39,147 @@ def attach(
     pos: Sequence[float] = (0.0, 0.0, 0.0),
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     contact: bool = True,
+    spec: mujoco.MjSpec | None = None,
 ) -> None:
     """Put a soft body into a spec, below the body `parent` of it.
 
     pos [m], quat: where the volume's coordinate system goes, in `parent`.  name: of the plugin instance, and the prefix
-    of all that is added.  contact: whether it collides with the scene's geoms.
-    Raises MjframesError for a name that cannot be used, and where the plugin cannot be loaded.
+    of all that is added.  contact: whether it collides with the scene's geoms; never with those that hold it.
+    spec: the one that `parent` belongs to, where the body has pieces attached to other bodies. Their poses at the
+    reference configuration are those in which the soft body rests; its frames then hang on the one of these bodies
+    below most of the others. Warns (BranchWarning) where such bodies are on several branches of the tree.
+    Raises MjframesError for a name that cannot be used, bodies that are not there, and where the plugin cannot be
+    loaded.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.-]{2,}", name):
         raise MjframesError(f"name is {name!r}; use two or more letters, digits, '_', '-' or '.'.")
     if len(pos) != 3 or len(quat) != 4 or not np.isfinite([*pos, *quat]).all() or not np.any(quat):
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
     plugin.load()
+    place = _place(parent, body, spec, pos, quat)
+    carried = carriers(body, place.links)
     # MuJoCo wants a prefix when it attaches: all but the last letter of the name, which makes the names come out right
     prefix, local = name[:-1], name[-1]
-    spec = mujoco.MjSpec()
-    spec.activate_plugin(plugin.NAME)
-    patches = _patches(body) if contact else []
-    instance = spec.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
-    instance.config = _configuration(body, patches)
-    holder = spec.worldbody.add_body(name=local)
-    bodies = _add_bodies(holder, body, local)
+    own = mujoco.MjSpec()
+    own.activate_plugin(plugin.NAME)
+    instance = own.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
+    inner = own.worldbody.add_body(name=local)
+    bodies = _add_bodies(inner, carried, place.bodies, name)
+    rank = _ranks(bodies, place)
+    patches = _patches(body, carried, rank) if contact else []
+    order = [carried[c] for c in np.argsort(rank)]
+    instance.config = configuration(body, order, _branches(body, place, name), patches)
     if patches:
-        _add_patches(spec, body, local, bodies, patches)
-    _add_skins(spec, body, local)
-    spec.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
-    frame = parent.add_frame(pos=list(pos), quat=list(quat))
+        _add_patches(own, body, carried, bodies, patches, name)
+    if not place.bodies:
+        _add_skins(own, body, carried, local)
+    own.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
     try:
-        frame.attach_body(holder, prefix, "")
+        place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
+    if spec is not None and place.bodies:  # with bones that the soft body's own spec does not have
+        _add_skins(spec, body, carried, name)
 
 
-def _add_bodies(holder: mujoco.MjsBody, body: SoftBody, name: str) -> list[mujoco.MjsBody]:
-    """One body for each control point; those of fixed frames have no joints."""
-    control, size = body.control, np.ptp(body.control.rest, axis=0).max()
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a soft body goes.
+
+    holder: the body that its frames hang on; pos, quat: of the volume's coordinate system in it.  links: pose of each
+    body that holds a frame, in the volume's coordinates.  bodies: those of them that are not the holder.
+    """
+
+    holder: mujoco.MjsBody
+    pos: list[float]
+    quat: list[float]
+    links: dict[str, Pose]
+    bodies: dict[str, mujoco.MjsBody]
+
+
+def _place(
+    parent: mujoco.MjsBody, body: SoftBody, spec: mujoco.MjSpec | None, pos: Sequence[float], quat: Sequence[float]
+) -> _Place:
+    named = sorted({link for link in body.links if link != PARENT})
+    if not named:
+        return _Place(parent, list(pos), list(quat), {PARENT: (np.eye(3), np.zeros(3))}, {})
+    if spec is None:
+        raise MjframesError(
+            f"spec is missing: the soft body is attached to {', '.join(map(repr, named))} of the scene."
+        )
+    bodies = {link: links.find_link(spec, link) for link in named}
+    if PARENT in body.links:
+        bodies[PARENT] = parent
+    holder = links.best_holder(parent, bodies.values())
+    in_holder = links.compose(
+        links.inverse(links.pose_in_world(holder)), links.compose(links.pose_in_world(parent), links.pose(pos, quat))
+    )
+    pos, quat = printable(in_holder[1]), printable_quaternion(links.quaternion(in_holder[0]))
+    to_volume = links.inverse(links.compose(links.pose_in_world(holder), links.pose(pos, quat)))
+    poses = {link: links.compose(to_volume, links.pose_in_world(other)) for link, other in bodies.items()}
+    return _Place(holder, pos, quat, poses, bodies)
+
+
+def _branches(body: SoftBody, place: _Place, name: str) -> np.ndarray:
+    """(k,) 0 for points that MuJoCo's inertia can couple to the moving frames', another number for each other link."""
+    branch = np.zeros(len(body.control.frame), int)
+    apart: dict[str, int] = {}
+    for i, link in enumerate(body.links):
+        other = place.bodies.get(link)
+        if other is None or other in links.path_of(place.holder) or links.is_static(other, place.holder):
+            continue
+        branch[body.control.frame == i] = apart.setdefault(link, len(apart) + 1)
+    if apart:
+        regions = sum(len(np.unique(branch[points])) > 1 for points in body.stiffness.points)
+        warnings.warn(
+            f"{name}: {regions} of {len(body.stiffness.points)} regions couple {', '.join(map(repr, apart))} to other "
+            f"branches of the kinematic tree than {place.holder.name!r}'s; their inertia in the step is enlarged, "
+            "their forces are exact.",
+            BranchWarning,
+            stacklevel=3,
+        )
+    return branch
+
+
+def _add_bodies(
+    inner: mujoco.MjsBody, carried: Sequence[Carrier], others: dict[str, mujoco.MjsBody], name: str
+) -> list[mujoco.MjsBody]:
     bodies: list[mujoco.MjsBody] = []
-    for j, (above, offset) in enumerate(zip(_parent_points(body), _offsets(body), strict=True)):
-        child = (bodies[above] if above >= 0 else holder).add_body(
-            name=f"{name}_{j}",
-            pos=offset,
+    for carrier in carried:
+        link = others.get(carrier.link) if carrier.joints == "" else None
+        outer = link or (bodies[carrier.parent] if carrier.parent >= 0 else inner)
+        own = f"{name if link else name[-1]}_{carrier.points[0]}"
+        child = outer.add_body(
+            name=own,
+            pos=carrier.offset,
             explicitinertial=True,
             ipos=[0, 0, 0],  # without it a saved model loses the masses
-            mass=_printable(control.mass[j])[0],
-            inertia=_printable(np.full(3, INERTIA * control.mass[j] * size**2)),
+            iquat=carrier.quat,
+            mass=carrier.mass,
+            inertia=carrier.inertia,
         )
-        for axis, letter in zip(np.eye(3), "xyz" if control.frame[j] >= body.fixed else "", strict=False):
-            child.add_joint(name=f"{name}_{j}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        _use_plugin(child, name)
+        if carrier.joints:
+            for axis, letter in zip(np.eye(3), "xyz", strict=True):
+                child.add_joint(name=f"{own}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        if carrier.joints == "free":
+            child.add_joint(name=f"{own}_ball", type=mujoco.mjtJoint.mjJNT_BALL)
+        _use_plugin(child, name if link else name[-1])
         bodies.append(child)
     return bodies
 
 
-def _printable(values: np.ndarray | np.floating | float) -> list[float]:
-    """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
-    return [float(f"{value:.6g}") for value in np.round(np.atleast_1d(values), DIGITS)]
-
-
-def _offsets(body: SoftBody) -> list[list[float]]:
-    """Of each control point where it rests, from the one it hangs on [m]."""
-    rest = body.control.rest
-    return [_printable(rest[j] - (rest[above] if above >= 0 else 0)) for j, above in enumerate(_parent_points(body))]
-
-
-def _written_rest(body: SoftBody) -> np.ndarray:
-    """x̄ (k, 3) [m] as the bodies have it, digits lost: from any other a stiff body is strained where it rests."""
-    rest = np.array(_offsets(body))
-    for j, above in enumerate(_parent_points(body)):
-        rest[j] += rest[above] if above >= 0 else 0
-    return rest
-
-
-def _parent_points(body: SoftBody) -> list[int]:
-    """Of each control point the one it hangs on, −1 for roots and those of fixed frames."""
-    frame = body.control.frame
-    last = {int(i): int(np.flatnonzero(frame == i)[-1]) for i in np.unique(frame)} | {-1: -1}
-    return [
-        -1 if i < body.fixed else j - 1 if j > 0 and frame[j - 1] == i else last[int(body.parent[i])]
-        for j, i in enumerate(frame)
-    ]
+def _ranks(bodies: list[mujoco.MjsBody], place: _Place) -> np.ndarray:
+    """(c,) the place of each carrier's body among them all in the compiled model, which is depth first."""
+    if not place.bodies:
+        return np.arange(len(bodies))
+    everything = links.path_of(place.holder)[-1].find_all("body")
+    end = len(everything)  # the soft body's own come last below the holder
+    if place.holder in everything:
+        end = everything.index(place.holder) + len(place.holder.find_all("body"))
+    keys = [(everything.index(body), 0) if body in everything else (end, 1 + c) for c, body in enumerate(bodies)]
+    rank = np.empty(len(bodies), int)
+    rank[sorted(range(len(bodies)), key=lambda c: keys[c])] = np.arange(len(bodies))
+    return rank
 
 
 def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
@@ -139,103 +188,69 @@ def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
     element.plugin.name = name
 
 
-def _patches(body: SoftBody) -> list[np.ndarray]:
+def _patches(body: SoftBody, carried: Sequence[Carrier], rank: np.ndarray) -> list[np.ndarray]:
     """The contact spheres of each patch; patches in the order of their bodies."""
-    return np.split(np.arange(len(body.contact.patch)), np.flatnonzero(np.diff(body.contact.patch)) + 1)
+    patches = np.split(np.arange(len(body.contact.patch)), np.flatnonzero(np.diff(body.contact.patch)) + 1)
+    return sorted(patches, key=lambda spheres: rank[_carrier_of_patch(body, carried, spheres)])
 
 
-def _patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
-    """The control points that move any of the spheres, and all points of their frames: one path, ancestors first."""
-    frames = np.unique(body.control.frame[body.contact.weights[spheres].indices])
-    return np.flatnonzero(np.isin(body.control.frame, frames))
+def _carrier_of_patch(body: SoftBody, carried: Sequence[Carrier], spheres: np.ndarray) -> int:
+    """That of the deepest control point: below it there is nothing that moves the patch."""
+    deepest = patch_points(body, spheres)[-1]
+    return next(c for c, carrier in enumerate(carried) if deepest in carrier.points)
 
 
 def _add_patches(
-    spec: mujoco.MjSpec, body: SoftBody, name: str, bodies: list[mujoco.MjsBody], patches: list[np.ndarray]
+    own: mujoco.MjSpec,
+    body: SoftBody,
+    carried: Sequence[Carrier],
+    bodies: list[mujoco.MjsBody],
+    patches: list[np.ndarray],
+    name: str,
 ) -> None:
-    half = _printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
+    half = printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    spec.add_mesh(name=f"{name}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its own distance is not used
+    own.add_mesh(name=f"{name[-1]}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its distance is not used
     for number, spheres in enumerate(patches):
-        geom = bodies[_patch_points(body, spheres)[-1]].add_geom(
-            name=f"{name}_patch_{number}",
+        on = bodies[_carrier_of_patch(body, carried, spheres)]
+        local = on.plugin.name
+        geom = on.add_geom(
+            name=f"{local}_patch_{number}",
             type=mujoco.mjtGeom.mjGEOM_SDF,
-            meshname=f"{name}_bounds",
+            meshname=f"{local}_bounds",
             group=PATCH_GROUP,
             mass=0,
             contype=1,
             conaffinity=0,  # patches meet other geoms, not each other
             rgba=[0.5, 0.5, 0.5, 0.1],
         )
-        _use_plugin(geom, name)
+        _use_plugin(geom, local)
 
 
-def _add_skins(spec: mujoco.MjSpec, body: SoftBody, name: str) -> None:
-    """One skin for each material that is seen."""
-    skin, control = body.skin, body.control
+def _add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], name: str) -> None:
+    """One skin for each material that is seen; its bones are the bodies, each with its points' weights."""
+    skin = body.skin
+    bone_of = np.empty(len(body.control.frame), int)
+    for c, carrier in enumerate(carried):
+        bone_of[carrier.points] = c
+    gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
     for label in np.unique(skin.label):
         faces = skin.faces[skin.label == label]
         used, local = np.unique(faces, return_inverse=True)
-        weights = sparse.csc_array(skin.weights[used])
+        weights = sparse.csc_array(skin.weights[used] @ gather)
         weights.data[np.abs(weights.data) < SKIN_WEIGHT] = 0
         weights.eliminate_zeros()
-        bones = np.flatnonzero(np.diff(weights.indptr))
-        columns = [slice(weights.indptr[j], weights.indptr[j + 1]) for j in bones]
+        bones = np.flatnonzero(np.diff(weights.indptr)).tolist()
+        columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
         spec.add_skin(
             name=f"{name}_{material.name or label}",
             vert=skin.vertices[used].ravel(),
             face=local.ravel(),
             rgba=material.rgba,
-            bodyname=[f"{name}_{j}" for j in bones],
-            bindpos=control.rest[bones].ravel(),
-            bindquat=np.tile([1.0, 0.0, 0.0, 0.0], len(bones)),
+            bodyname=[f"{name}_{carried[c].points[0]}" for c in bones],
+            bindpos=np.ravel([carried[c].pose[1] for c in bones]),
+            bindquat=np.ravel([links.quaternion(carried[c].pose[0]) for c in bones]),
             vertid=[weights.indices[column].tolist() for column in columns],
             vertweight=[weights.data[column].tolist() for column in columns],
         )
-
-
-def _configuration(body: SoftBody, patches: list[np.ndarray]) -> dict[str, str]:
-    """The plugin instance's attributes (plugin/soft.cc); with contact only if there are patches."""
-    stiffness = body.stiffness
-    values = {
-        "version": str(FORMAT_VERSION),
-        "law": "corotational",
-        "alpha": repr(body.damping[0]),
-        "beta": repr(body.damping[1]),
-        "point_rest": encode(_written_rest(body)),
-        "region_size": encode([len(points) for points in stiffness.points]),
-        "region_point": encode(np.concatenate(stiffness.points)),
-        "region_gradient": encode(np.concatenate(stiffness.gradient)),
-        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix])),
-    }
-    if patches:
-        points = [_patch_points(body, spheres) for spheres in patches]
-        weights = body.contact.weights.toarray()
-        sizes = [np.bincount(body.contact.cluster[spheres]) for spheres in patches]
-        values |= {
-            "contact_radius": repr(body.contact.radius),
-            "patch_size": encode([len(some) for some in points]),
-            "patch_clusters": encode([len(clusters) for clusters in sizes]),
-            "patch_cluster_size": encode(np.concatenate(sizes)),
-            "patch_point": encode(np.concatenate(points)),
-            "patch_weight": encode(
-                np.concatenate(
-                    [weights[np.ix_(spheres, some)].T.ravel() for spheres, some in zip(patches, points, strict=True)]
-                )
-            ),
-        }
-    return values
-
-
-def encode(values: np.ndarray | Sequence[int]) -> str:
-    """An array as the plugin reads it: type, count and base64 of the little-endian values."""
-    array = np.ravel(values)
-    kind, form = ("i32", "<i4") if np.issubdtype(array.dtype, np.integer) else ("f64", "<f8")
-    return f"{kind}:{array.size}:{base64.b64encode(array.astype(form).tobytes()).decode('ascii')}"
-
-
-def decode(text: str) -> np.ndarray:
-    """The values (count,) of what `encode` wrote."""
-    kind, _, data = text.split(":")
-    return np.frombuffer(base64.b64decode(data), "<i4" if kind == "i32" else "<f8")

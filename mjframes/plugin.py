@@ -99,7 +99,8 @@ def source_directory() -> Path:
 
 def library_name(sources: Path) -> str:
     """The file name of what these sources give for the installed MuJoCo; CMakeLists.txt computes the same."""
-    files = sorted(path.name for path in sources.iterdir() if path.suffix in (".cc", ".h") or path.name == FLAGS_FILE)
+    patterns = ("*.cc", "*.h", "laws/*.h", FLAGS_FILE)
+    files = sorted(path.relative_to(sources).as_posix() for pattern in patterns for path in sources.glob(pattern))
     manifest = "".join(f"{hashlib.sha256((sources / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
     digest = hashlib.sha256(manifest.encode()).hexdigest()[:12]
     return f"libmjframes_soft-{mujoco.mj_versionString()}-{digest}.so"

@@ -83,8 +83,21 @@ def region_stiffness(
         gradients[e], matrices[e] = gradient.ravel(), matrix
         moduli[e] = young[grid.material[voxels[e]]].sum() * grid.cell_volume
     volume = np.array([len(some) for some in voxels]) * grid.cell_volume
-    mean = [(g / total).reshape(-1, 3) for g, total in zip(gradients, moduli, strict=True)]
+    mean = [
+        shows_rotations((g / total).reshape(-1, 3), control.rest[some])
+        for g, total, some in zip(gradients, moduli, points, strict=True)
+    ]
     return Stiffness(tuple(points), tuple(mean), tuple(matrices), volume)
+
+
+def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The least change of ḡ (m, 3) that makes Σ_j x̄_j ḡ_jᵀ = I as far as the points x̄ (m, 3) reach, Σ_j ḡ_j = 0.
+
+    Weights of frames that can turn have it already; those of point frames would not see a rotation as one.
+    """
+    offset = rest - rest.mean(axis=0)
+    missing = np.eye(3) - rest.T @ gradient
+    return gradient + offset @ np.linalg.pinv(offset.T @ offset, rcond=1e-9, hermitian=True) @ missing
 
 
 def _is_uniform(control: ControlPoints, frames: NDArray[np.int64]) -> bool:

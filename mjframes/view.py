@@ -8,23 +8,23 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from mjframes.asset import triangles
+from mjframes.configuration import ATTRIBUTES, decode
 from mjframes.errors import MjframesError
 from mjframes.mechanics import region_energy, region_response
-from mjframes.mjcf import ATTRIBUTES, decode
 
 
 @dataclass(frozen=True, eq=False)
 class Soft:
     """A view of one soft body; current after `mj_forward` or `mj_step`. k control points, r regions.
 
-    bodies: (k,) MuJoCo body of each control point.  dofs: (k, 3) its degrees of freedom.
+    bodies: (k,) MuJoCo body that each control point rides on.
     """
 
     model: mujoco.MjModel
     data: mujoco.MjData
     name: str
     bodies: np.ndarray
-    dofs: np.ndarray
     configuration: dict[str, str]
 
     @cached_property
@@ -39,18 +39,49 @@ class Soft:
         ends = np.cumsum(size)[:-1]
         points = np.split(decode(self.configuration["region_point"]), ends)
         gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), ends)
-        lower = np.split(decode(self.configuration["region_stiffness"]), np.cumsum(3 * size * (3 * size + 1) // 2)[:-1])
-        matrices = []
-        for m, values in zip(size, lower, strict=True):
-            matrix = np.zeros((3 * m, 3 * m))
-            matrix[np.tril_indices(3 * m)] = values
-            matrices.append(matrix + np.tril(matrix, -1).T)
+        matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * size)
         return list(zip(points, gradients, matrices, strict=True))
+
+    @cached_property
+    def mass_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Consistent minus lumped mass: of each region its control points (m,) and (m, m) [kg]; none if lumped."""
+        if "region_mass" not in self.configuration:
+            return []
+        size = decode(self.configuration["region_size"]).astype(int)
+        matrices = triangles(decode(self.configuration["region_mass"]), size)
+        return list(zip([points for points, _, _ in self.regions], matrices, strict=True))
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """(k, 3) of each control point in its body's axes [m]."""
+        return self._array("point_offset", 3 * len(self.bodies)).reshape(-1, 3)
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """(k,) [kg]"""
+        return decode(self.configuration["point_mass"])
 
     @property
     def control_positions(self) -> np.ndarray:
         """x (k, 3) in the world [m]."""
-        return self.data.xpos[self.bodies].copy()
+        return self.data.xpos[self.bodies] + self._arms()
+
+    @property
+    def control_velocities(self) -> np.ndarray:
+        """dx/dt (k, 3) in the world [m/s]."""
+        velocity, twist = np.zeros((len(self.bodies), 3)), np.zeros(6)
+        for j, (body, arm) in enumerate(zip(self.bodies, self._arms(), strict=True)):
+            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, int(body), twist, 0)
+            velocity[j] = twist[3:] + np.cross(twist[:3], arm)
+        return velocity
+
+    def _arms(self) -> np.ndarray:
+        """From each body's origin to its control point, in the world (k, 3) [m]."""
+        return np.einsum("kab,kb->ka", self.data.xmat[self.bodies].reshape(-1, 3, 3), self.offset)
+
+    def _array(self, key: str, size: int) -> np.ndarray:
+        """An array that is left out where it is zero."""
+        return decode(self.configuration[key]) if key in self.configuration else np.zeros(size)
 
     @property
     def elastic_energy(self) -> float:
@@ -60,12 +91,11 @@ class Soft:
 
     @property
     def kinetic_energy(self) -> float:
-        """Of the control points' masses [J]."""
-        velocity = np.zeros(6)
-        energy = 0.0
-        for body in self.bodies:
-            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, int(body), velocity, 0)
-            energy += 0.5 * self.model.body_mass[body] * float(velocity[3:] @ velocity[3:])
+        """½ Σ_jk M_jk v_j · v_k of the soft body's own mass [J]."""
+        velocity = self.control_velocities
+        energy = 0.5 * float(self.mass @ (velocity**2).sum(axis=1))
+        for points, difference in self.mass_difference:
+            energy += 0.5 * float(np.einsum("ja,jk,ka->", velocity[points], difference, velocity[points]))
         return energy
 
     @property
@@ -84,9 +114,11 @@ def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Soft:
         known = ", ".join(map(repr, instances)) or "none"
         raise MjframesError(f"name is {name!r} but the model's soft bodies are: {known}.")
     instance = instances[name]
-    bodies = np.flatnonzero(model.body_plugin == instance)
-    first = model.jnt_dofadr[model.body_jntadr[bodies]]
-    return Soft(model, data, name, bodies, first[:, None] + np.arange(3), _configuration(model, instance))
+    configuration = _configuration(model, instance)
+    carriers = np.flatnonzero(model.body_plugin == instance)
+    bodies = np.empty(decode(configuration["point_mass"]).size, int)
+    bodies[decode(configuration["carrier_point"])] = np.repeat(carriers, decode(configuration["carrier_size"]))
+    return Soft(model, data, name, bodies, configuration)
 
 
 def soft_names(model: mujoco.MjModel) -> list[str]:

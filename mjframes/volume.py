@@ -17,7 +17,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import ArrayLike, NDArray
 
-from mjframes.constants import FORMAT_VERSION
+from mjframes.constants import VOLUME_VERSION
 from mjframes.errors import MjframesError
 from mjframes.images import LabelImage, read_image, write_materials
 from mjframes.material import Material
@@ -164,7 +164,7 @@ class Volume:
         if path.suffix.lower() != ".npz":
             raise MjframesError(f"{path}: a volume is saved as .npz; give the path that ending.")
         arrays: dict[str, Any] = {"labels": self.labels, "spacing": self.spacing, "origin": self.origin}
-        arrays |= {"axes": self.axes, "materials": write_materials(self.materials), "format_version": FORMAT_VERSION}
+        arrays |= {"axes": self.axes, "materials": write_materials(self.materials), "format_version": VOLUME_VERSION}
         partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
         try:
             with partial.open("wb") as file:

@@ -30,8 +30,13 @@ void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double
   const int n = patch.vertices;
   std::fill(out, out + 3 * n, 0.0);
   for (size_t j = 0; j < patch.point.size(); j++) {
-    const double* x = d->xpos + 3 * body.points()[patch.point[j]].body;
+    const Vec3 x = body.kinematics().WorldPosition(d, patch.point[j]);
     for (int c = 0; c < 3; c++) AddScaled(out + c * n, patch.weight.data() + j * n, x[c], n);
+  }
+  if (patch.offset.empty()) return;
+  const Mat3 axes = body.kinematics().Axes(d);
+  for (int c = 0; c < 3; c++) {
+    for (int e = 0; e < 3; e++) AddScaled(out + c * n, patch.offset.data() + e * n, axes[3 * c + e], n);
   }
 }
 
@@ -108,6 +113,8 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   const SoftBody* body2 = GetSoftBody(m, d, m->geom_plugin[g2]);
   if (!body1 && !body2) return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
   if (body1 && body2) return 0;  // soft bodies pass through each other
+  const SoftBody* body = body1 ? body1 : body2;
+  if (body->kinematics().IsHeldBy(m, m->geom_bodyid[body1 ? g2 : g1])) return 0;
   if (body2) {
     const Patch* patch = body2->FindPatch(g2);
     return patch ? CollidePatch(*body2, *patch, m, d, con, g1, g2, margin) : 0;
@@ -123,35 +130,68 @@ int RowCount(const mjModel* m, const mjContact& contact) {
   return m->opt.cone == mjCONE_PYRAMIDAL ? 2 * (contact.dim - 1) : contact.dim;
 }
 
-// World direction that row `r` of the contact measures translation along; zero for purely rotational rows.
-Vec3 RowDirection(const mjModel* m, const mjContact& contact, int r) {
+// What constraint row `r` of the contact measures: translation along one world direction, rotation about another.
+struct Measure {
+  Vec3 along, about;
+};
+
+Measure RowMeasure(const mjModel* m, const mjContact& contact, int r) {
   const auto axis = [&contact](int i) {
-    return i < 3 ? Vec3{contact.frame[3 * i], contact.frame[3 * i + 1], contact.frame[3 * i + 2]} : Vec3{};
+    return Vec3{contact.frame[3 * i], contact.frame[3 * i + 1], contact.frame[3 * i + 2]};
   };
-  if (contact.dim == 1 || m->opt.cone == mjCONE_ELLIPTIC) return axis(r);
-  const double sign = r % 2 == 0 ? 1 : -1;
-  return axis(0) + (sign * contact.friction[r / 2]) * axis(r / 2 + 1);
+  if (contact.dim == 1 || m->opt.cone == mjCONE_ELLIPTIC)
+    return r < 3 ? Measure{axis(r), {}} : Measure{{}, axis(r - 3)};
+  const double scale = (r % 2 == 0 ? 1 : -1) * contact.friction[r / 2];
+  const int i = r / 2 + 1;
+  return i < 3 ? Measure{axis(0) + scale * axis(i), {}} : Measure{axis(0), scale * axis(i - 3)};
 }
 
-// Overwrites the entries of constraint row `i` for the soft body's degrees of freedom that move the patch.
-// direction: in the soft body's axes.  share[t]: Σ W_j(s) over the control points at depth t and below.
-void WriteRow(const SoftBody& body, const Patch& patch, const mjModel* m, mjData* d, int i, double sign,
-              const Vec3& direction, const std::vector<double>& share) {
+bool MovesBody(const mjModel* m, int dof, int body) {
+  while (body > m->dof_bodyid[dof]) body = m->body_parentid[body];
+  return body == m->dof_bodyid[dof];
+}
+
+// What the row measures at `position` on `body` for a unit rate of degree of freedom `dof`.
+double RigidEntry(const mjModel* m, const mjData* d, int body, const Vec3& position, const Measure& measure, int dof) {
+  if (!MovesBody(m, dof, body)) return 0;
+  const mjtNum* cdof = d->cdof + 6 * dof;
+  const mjtNum* centre = d->subtree_com + 3 * m->body_rootid[body];
+  const Vec3 rotation = {cdof[0], cdof[1], cdof[2]}, arm = position - Vec3{centre[0], centre[1], centre[2]};
+  return Dot(measure.along, Vec3{cdof[3], cdof[4], cdof[5]} + Cross(rotation, arm)) + Dot(measure.about, rotation);
+}
+
+// Overwrites the entries of constraint row `i` for the degrees of freedom that the soft body's nodes have; where they
+// are those of a robot's links, what is touched may move with them too. side: of the patch in the contact.
+void WriteRow(const Kinematics& kinematics, const std::vector<Share>& share, const mjModel* m, mjData* d,
+              const mjContact& contact, int r, int side) {
+  const int i = contact.efc_address + r;
   const bool sparse = mj_isSparse(m);
   const int* columns = sparse ? d->efc_J_colind + d->efc_J_rowadr[i] : nullptr;
   double* row = d->efc_J + (sparse ? d->efc_J_rowadr[i] : i * m->nv);
-  int entry = sparse ? d->efc_J_rownnz[i] - 1 : 0;
-  for (int j = patch.owner; j >= 0; j = body.points()[j].parent) {
-    const ControlPoint& point = body.points()[j];
-    if (!point.moves()) break;
-    for (int r = 2; r >= 0; r--) {
-      const double value = sign * share[point.depth] * direction[r];
+  const int patch_body = m->geom_bodyid[contact.geom[side]], other_body = m->geom_bodyid[contact.geom[1 - side]];
+  const Measure measure = RowMeasure(m, contact, r);
+  const Vec3 local = kinematics.ToLocal(d, measure.along), position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+  const bool turning = kinematics.turning();
+  const double sign = side == 1 ? 1 : -1;
+  const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
+  int entry = 0;
+  for (size_t n = 0; n < kinematics.nodes().size(); n++) {
+    const Node& node = kinematics.nodes()[n];
+    for (int a = 0; a < node.dofs; a++) {
+      const int dof = node.dof + a;
       if (sparse) {
-        while (entry >= 0 && columns[entry] > point.dof + r) entry--;
-        if (entry >= 0 && columns[entry] == point.dof + r) row[entry] = value;
+        while (entry < entries && columns[entry] < dof) entry++;
+        if (entry == entries) return;
+        if (columns[entry] != dof) continue;
       } else {
-        row[point.dof + r] = value;
+        entry = dof;
       }
+      double value = kinematics.RowEntry(share[n], local, static_cast<int>(n), a);
+      if (turning) {
+        value += RigidEntry(m, d, patch_body, position, {{}, measure.about}, dof) -
+                 RigidEntry(m, d, other_body, position, measure, dof);
+      }
+      row[entry] = sign * value;
     }
   }
 }
@@ -197,6 +237,15 @@ void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, Conta
 
 }  // namespace
 
+ContactScratch::ContactScratch(const mjModel* m)
+    : row(m->nv),
+      half(m->nv),
+      sqrt_inverse(m->nv),
+      omega(kMaxCarried * m->nbody),
+      share(m->nv),
+      skinned(3 * kMaxPatchVertices),
+      blend(kMaxPatchVertices) {}
+
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
     mjfCollision* entry = &mjCOLLISIONFUNC[type][mjGEOM_SDF];
@@ -228,22 +277,16 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       next++;
     }
     if (next == count) continue;
-    std::vector<double>& share = scratch->share;
-    std::fill(share.begin(), share.end(), 0.0);
     for (size_t j = 0; j < patch->point.size(); j++) {
-      const ControlPoint& point = body->points()[patch->point[j]];
-      if (!point.moves()) continue;
       const double* weight = patch->weight.data() + j * patch->vertices;
-      double& sum = share[point.depth];
-      for (int s = found[next].begin; s < found[next].end; s++) sum += scratch->blend[s] * weight[s];
+      scratch->omega[j] = 0;
+      for (int s = found[next].begin; s < found[next].end; s++) scratch->omega[j] += scratch->blend[s] * weight[s];
     }
-    for (int depth = body->points()[patch->owner].depth; depth > 0; depth--) share[depth - 1] += share[depth];
-    const double* axes = d->xmat + 9 * body->points()[patch->owner].body;
+    const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+    body->kinematics().PointShares(patch->point, scratch->omega.data(), body->kinematics().PositionToLocal(d, position),
+                                   &scratch->share);
     for (int r = 0; r < RowCount(m, contact); r++) {
-      Vec3 local;
-      const Vec3 direction = RowDirection(m, contact, r);
-      mju_mulMatTVec3(local.data(), axes, direction.data());
-      WriteRow(*body, *patch, m, d, contact.efc_address + r, side == 1 ? 1 : -1, local, share);
+      WriteRow(body->kinematics(), scratch->share, m, d, contact, r, side);
     }
     ScaleImpedance(m, d, contact, scratch);
     next++;

@@ -3,7 +3,7 @@
 // A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that
 // are nearly as deep as its deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero
 // continuously: choosing single vertices instead makes a resting body flip between choices for ever. A contact row
-// along t reads tᵀ Σ_s a_s Σ_j W_j(s) J_j over the degrees of freedom of the soft body: equation (11).
+// along t reads tᵀ Σ_j ω_j J_j with ω_j = Σ_s a_s W_j(s) over the degrees of freedom of the soft body: equation (11).
 
 #ifndef MJFRAMES_PLUGIN_CONTACT_H_
 #define MJFRAMES_PLUGIN_CONTACT_H_
@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "kinematics.h"
 #include "linear.h"
 
 namespace mjframes {
@@ -20,11 +21,11 @@ namespace mjframes {
 // The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
 struct Patch {
   int geom;
-  int owner;                     // control point of the geom's body: the deepest that moves a vertex
   int vertices;                  // number of vertices n, cluster after cluster
   std::vector<int32_t> cluster;  // number of vertices of each cluster          (≤ kMaxClusters)
   std::vector<int32_t> point;    // control points, ancestors first             (p)
   std::vector<double> weight;    // W_j(s), one row of n a point                (p × n)
+  std::vector<double> offset;    // s − Σ_j W_j(s) x̄_j [m], by component; empty where the frames give none (3 × n)
 };
 
 // The collision hook has only the thread's stack to work on.
@@ -43,11 +44,11 @@ struct ClusterContact {
 
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
-  explicit ContactScratch(int nv)
-      : row(nv), half(nv), sqrt_inverse(nv), share(nv), skinned(3 * kMaxPatchVertices), blend(kMaxPatchVertices) {}
+  explicit ContactScratch(const mjModel* m);
   std::vector<double> row, half;     // J and D^(−½) L^(−ᵀ) Jᵀ               (nv)
   std::vector<double> sqrt_inverse;  // D^(−½)                               (nv)
-  std::vector<double> share;         // weight at and below each depth       (≤ nv)
+  std::vector<double> omega;         // ω_j of the contact's control points
+  std::vector<Share> share;          // of the nodes                         (≤ nv)
   std::vector<double> skinned;       // vertices of the current patch        (3 × n)
   std::vector<double> blend;         // their shares in the clusters' contacts (n)
 };

@@ -63,6 +63,28 @@ void ProjectRow(const double* __restrict K, const double* __restrict N, const do
   }
 }
 
+constexpr double kSingular = 1e-12;  // [-] of A Z, which is about 1 at rest
+
+// A⁻¹; where A has rank two, as s (I − u uᵀ) for points along u, its pseudo-inverse; zero for less.
+Mat3 PseudoInverse(const Mat3& A) {
+  if (std::abs(Det(A)) > kSingular) return Inverse(A);
+  const Vec3 row[3] = {{A[0], A[1], A[2]}, {A[3], A[4], A[5]}, {A[6], A[7], A[8]}};
+  Vec3 axis{};
+  for (int r = 0; r < 3; r++) {
+    const Vec3 normal = Cross(row[r], row[(r + 1) % 3]);
+    if (Dot(normal, normal) > Dot(axis, axis)) axis = normal;
+  }
+  const double length = Norm(axis);
+  if (!(length > kSingular)) return {};
+  axis = (1 / length) * axis;
+  Mat3 filled = A;
+  for (int e = 0; e < 9; e++) filled[e] += axis[e / 3] * axis[e % 3];
+  if (std::abs(Det(filled)) < kSingular) return {};
+  Mat3 inverse = Inverse(filled);
+  for (int e = 0; e < 9; e++) inverse[e] -= axis[e / 3] * axis[e % 3];
+  return inverse;
+}
+
 int Padded(int m) { return BlockStride(m - 1); }
 
 }  // namespace
@@ -95,7 +117,7 @@ Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
 }
 
 void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch, Vec3* force,
-               double* pair_stiffness) {
+               double* stiffness, double* held) {
   const int m = region.size();
   const int n = 3 * m;
 
@@ -127,9 +149,7 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
       for (int c = 0; c < 3; c++) AZ[3 * r + c] -= z[j][r] * h[j][c];
     }
   }
-  // a region collapsed onto a point or a line has no rotation to correct for
-  const bool regular = std::abs(Det(AZ)) > 1e-12;
-  const Mat3 inverse = regular ? Inverse(AZ) : Mat3{};
+  const Mat3 inverse = PseudoInverse(AZ);  // points on a line can turn about it unseen
 
   // columns: y, and Z: (Z a)_j = a × z_j
   double* rhs = scratch->rhs.data();
@@ -153,7 +173,7 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
     const Vec3 w = {product[3 * j], product[3 * j + 1], product[3 * j + 2]};
     force[region.point[j]] = force[region.point[j]] - Mul(R, w + Cross(h[j], s));
   }
-  if (!pair_stiffness) return;
+  if (!stiffness) return;
 
   // N_j = (A Z)⁻¹ [h_j]×,  U = K_e Z,  V_j = U_j − ½ N_jᵀ (Zᵀ U):   Pᵀ K_e P = K_e − V N − (V N)ᵀ
   Mat3 ZU{};
@@ -190,10 +210,10 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
     double* out = blocks + BlockOffset(j);
     ProjectRow(row, N, V, Nj, Vj, R.data(), out, j + 1, stride, padded);
     for (int k = 0; k <= j; k++) {
-      const int32_t index = *pair++;
-      if (index < 0) continue;
-      double* target = pair_stiffness + 9 * static_cast<size_t>(index);
-      for (int e = 0; e < 9; e++) target[e] += out[e * stride + k];
+      const size_t target = 9 * static_cast<size_t>(*pair++);
+      for (int e = 0; e < 9; e++) stiffness[target + e] += out[e * stride + k];
+      if (!held) continue;
+      for (int e = 0; e < 9; e++) held[target + e] += region.enlargement * out[e * stride + k];
     }
   }
 }

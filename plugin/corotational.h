@@ -22,8 +22,9 @@ struct Region {
   std::vector<Vec3> gradient;     // ḡ_j: mean gradient of W_j [1/m]        (m)
   std::vector<double> stiffness;  // K_e, rows of 3m entries [N/m]          (3m × 3m)
   std::vector<double> blocks;     // K_e again, see BlockOffset             (packed)
-  std::vector<int32_t> pair;      // global pair of each block (j, k ≤ j), −1 where one is fixed   (m(m+1)/2)
+  std::vector<int32_t> pair;      // pair of points of each block (j, k ≤ j)                        (m(m+1)/2)
   double inverse_extent;          // 1 / Σ_j |x̄_j|² [1/m²]
+  double enlargement;             // of its stiffness where d->M cannot hold all of it, else 1 [-]
 
   int size() const { return static_cast<int>(point.size()); }
 };
@@ -46,10 +47,10 @@ struct RegionScratch {
 // Rotation of the region's mean deformation gradient. x: all control points of the body [m].
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess);
 
-// Adds the region's elastic force to `force` and, where `pair_stiffness` is given, its stiffness, one row-major
-// 3×3 block a pair of control points (deeper, shallower), to it.
+// Adds the region's elastic force to `force` and, where they are given, its stiffness to `stiffness` and enlarged to
+// `held`, one row-major 3×3 block a pair of control points.
 void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch, Vec3* force,
-               double* pair_stiffness);
+               double* stiffness, double* held);
 
 }  // namespace mjframes
 

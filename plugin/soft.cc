@@ -7,162 +7,52 @@
 #include <cstring>
 #include <string>
 
-#include "config.h"
+#include "reader.h"
 
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "1";  // of the configuration; a model written by another version is refused
+constexpr char kVersion[] = "2";  // of the configuration; a model written by another version is refused
 
 constexpr const char* kAttributes[] = {
     "version",  //
     "law",
+    "mode",
     "alpha",
-    "beta",        //
-    "point_rest",  // (k × 3) [m]
+    "beta",
+    "carrier_size",   // number of points that ride on each of the instance's bodies
+    "carrier_point",  // which ones, body by body    (k)
+    "point_offset",   // in the body's axes [m]      (k × 3)
+    "point_rest",     // [m]                         (k × 3)
+    "point_mass",     // [kg]                        (k)
+    "point_branch",   // of the tree                 (k)
     "region_size",
     "region_point",
     "region_gradient",
     "region_stiffness",
+    "region_mass",  // consistent minus lumped mass, lower triangles [kg]
+    "region_enlargement",
     "contact_radius",  // [m]
     "patch_size",
     "patch_clusters",
     "patch_cluster_size",
     "patch_point",
     "patch_weight",
-};
-
-// Reads the configuration of one instance; the first failure is kept as a sentence.
-class Reader {
- public:
-  Reader(const mjModel* m, int instance) : model_(m), instance_(instance) {}
-
-  const char* Text(const char* key) const {
-    const char* value = mj_getPluginConfig(model_, instance_, key);
-    return value ? value : "";
-  }
-
-  double Number(const char* key) {
-    const char* text = Text(key);
-    char* end = nullptr;
-    const double value = std::strtod(text, &end);
-    if (end == text || *end != '\0' || !std::isfinite(value) || value < 0) {
-      Fail(std::string(key) + " is '" + text + "' but has to be a number ≥ 0");
-      return 0;
-    }
-    return value;
-  }
-
-  template <typename T>
-  std::vector<T> Array(const char* key) {
-    std::vector<T> out;
-    std::string error;
-    if (!DecodeArray(Text(key), &out, &error)) Fail(std::string(key) + " " + error);
-    return out;
-  }
-
-  void Fail(const std::string& what) {
-    if (error_.empty()) error_ = what;
-  }
-
-  bool Check(bool good, const char* what) {
-    if (!good) Fail(what);
-    return error_.empty();
-  }
-
-  bool ok() const { return error_.empty(); }
-  const std::string& error() const { return error_; }
-
- private:
-  const mjModel* model_;
-  int instance_;
-  std::string error_;
+    "patch_offset",  // s − Σ_j W_j(s) x̄_j [m]; left out where it is zero
 };
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
 
-// Finds the control points of the instance among the bodies, and their places in MuJoCo's arrays.
-std::vector<ControlPoint> FindPoints(const mjModel* m, int instance, Reader* reader) {
-  const std::vector<double> rest = reader->Array<double>("point_rest");
-  std::vector<ControlPoint> points;
-  std::vector<int> point_of_body(m->nbody, -1);
-  int pairs = 0;
-  for (int body = 1; body < m->nbody && reader->ok(); body++) {
-    if (m->body_plugin[body] != instance) continue;
-    ControlPoint point = {};
-    point.body = body;
-    point.parent = point_of_body[m->body_parentid[body]];
-    point.mass = m->body_mass[body];
-    if (m->body_jntnum[body] == 0) {
-      point.depth = -1;
-      if (!reader->Check(point.parent < 0, "a fixed control point hangs on a moving one")) break;
-    } else {
-      const int joint = m->body_jntadr[body];
-      bool slides = m->body_jntnum[body] == 3;
-      for (int r = 0; slides && r < 3; r++) {
-        slides = m->jnt_type[joint + r] == mjJNT_SLIDE && m->jnt_axis[3 * (joint + r) + r] == 1;
-      }
-      if (!reader->Check(slides, "each of its bodies has to have three slide joints along x, y, z, or none")) break;
-      point.depth = point.parent < 0 ? 0 : points[point.parent].depth + 1;
-      point.qpos = m->jnt_qposadr[joint];
-      point.dof = m->jnt_dofadr[joint];
-    }
-    point.pair = pairs;
-    const size_t index = points.size();
-    if (!reader->Check(3 * index + 2 < rest.size(), "it has more bodies than control points")) break;
-    for (int r = 0; r < 3; r++) {
-      point.reference[r] = point.moves() ? m->qpos0[point.qpos + r] : 0;
-      point.rest[r] = rest[3 * index + r];
-    }
-    pairs += point.depth + 1;
-    point_of_body[body] = static_cast<int>(index);
-    points.push_back(point);
-  }
-  if (!reader->Check(points.size() >= 2 && 3 * points.size() == rest.size(),
-                     "its bodies do not match its control points: attach or copy the soft body as a whole")) {
-    return {};
-  }
-  // every ancestor pair needs its place in the inertia matrix
-  for (ControlPoint& point : points) {
-    if (!point.moves()) continue;
-    std::vector<int> path;
-    for (const ControlPoint* p = &point;; p = &points[p->parent]) {
-      path.push_back(p->dof);
-      if (p->parent < 0) break;
-    }
-    std::reverse(path.begin(), path.end());
-    for (int r = 0; r < 3; r++) {
-      const int row = point.dof + r;
-      const int length = 3 * point.depth + r + 1;
-      point.inertia[r] = m->M_rowadr[row] + m->M_rownnz[row] - length;
-      bool stored = m->M_rownnz[row] >= length;
-      for (int c = 0; stored && c < length; c++) {
-        stored = m->M_colind[point.inertia[r] + c] == path[c / 3] + c % 3;
-      }
-      if (!reader->Check(stored, "its bodies are not nested in the order they were written in")) return {};
-    }
-  }
-  return points;
-}
-
-// True if the points are fixed ones and then one path from a root, ancestors first.
-bool OnOnePath(const std::vector<ControlPoint>& points, const std::vector<int32_t>& list) {
-  for (size_t a = 0; a < list.size(); a++) {
-    if (list[a] < 0 || list[a] >= static_cast<int>(points.size())) return false;
-    if (a == 0 || !points[list[a - 1]].moves()) continue;
-    int p = list[a];
-    while (p >= 0 && points[p].depth > points[list[a - 1]].depth) p = points[p].parent;
-    if (p != list[a - 1] || list[a] == list[a - 1]) return false;
-  }
-  return !list.empty();
-}
-
-std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader* reader) {
+std::vector<Region> ReadRegions(Kinematics* kinematics, std::vector<double>* mass_difference, Reader* reader) {
+  const std::vector<ControlPoint>& points = kinematics->points();
   const auto size = reader->Array<int32_t>("region_size");
   const auto point = reader->Array<int32_t>("region_point");
   const auto gradient = reader->Array<double>("region_gradient");
   const auto stiffness = reader->Array<double>("region_stiffness");
-  size_t p = 0, s = 0;
+  const auto enlargement = reader->ArrayOr<double>("region_enlargement", 1, size.size());
+  std::vector<double> difference;
+  if (reader->Has("region_mass")) difference = reader->Array<double>("region_mass");
+  size_t p = 0, s = 0, block = 0;
   std::vector<Region> regions;
   for (const int32_t m : size) {
     const size_t n = 3 * static_cast<size_t>(std::max(m, 0));
@@ -173,9 +63,13 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
     }
     Region region;
     region.point.assign(point.begin() + p, point.begin() + p + m);
-    if (!reader->Check(OnOnePath(points, region.point), "a region's control points are not on one path of the tree")) {
-      return {};
+    for (const int32_t j : region.point) {
+      if (!reader->Check(j >= 0 && j < static_cast<int>(points.size()),
+                         "a region's control points are not those of the body")) {
+        return {};
+      }
     }
+    region.enlargement = enlargement[regions.size()];
     Vec3 mean{};
     for (const int32_t j : region.point) mean = mean + (1.0 / m) * points[j].rest;
     double extent = 0;
@@ -198,9 +92,17 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
           region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
               region.stiffness[(3 * j + e / 3) * n + 3 * k + e % 3];
         }
-        const ControlPoint& deeper = points[region.point[j]];
-        const ControlPoint& shallower = points[region.point[k]];
-        region.pair.push_back(shallower.moves() ? deeper.pair + shallower.depth : -1);
+        int pair = -1;
+        if (!reader->Check(kinematics->Couple(region.point[j], region.point[k], &pair),
+                           "a region's control points are not on one path of the tree")) {
+          return {};
+        }
+        mass_difference->resize(kinematics->pairs().size(), 0.0);
+        if (!difference.empty()) {
+          if (!reader->Check(block < difference.size(), "region_mass has too few values")) return {};
+          (*mass_difference)[pair] += difference[block++];
+        }
+        region.pair.push_back(pair);
       }
     }
     p += m;
@@ -208,6 +110,12 @@ std::vector<Region> ReadRegions(const std::vector<ControlPoint>& points, Reader*
   }
   reader->Check(!regions.empty(), "it has no regions");
   return regions;
+}
+
+// Explicit bodies with lumped masses leave MuJoCo's inertia as it is.
+bool ChangesInertia(const mjModel* m, int instance) {
+  const Reader reader(m, instance);
+  return std::strcmp(reader.Text("mode"), "explicit") != 0 || reader.Has("region_mass");
 }
 
 // Geoms that patches cannot meet are named once, when the data is made: falling through them must not be a riddle.
@@ -227,7 +135,7 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
                                Reader* reader) {
   std::vector<Patch> patches;
   for (int geom = 0; geom < m->ngeom; geom++) {
-    if (m->geom_plugin[geom] == instance) patches.push_back({geom, -1, 0, {}, {}, {}});
+    if (m->geom_plugin[geom] == instance) patches.push_back({geom, 0, {}, {}, {}, {}});
   }
   if (patches.empty()) return patches;
   const auto size = reader->Array<int32_t>("patch_size");
@@ -235,11 +143,13 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   const auto cluster_size = reader->Array<int32_t>("patch_cluster_size");
   const auto point = reader->Array<int32_t>("patch_point");
   const auto weight = reader->Array<double>("patch_weight");
+  std::vector<double> offset;
+  if (reader->Has("patch_offset")) offset = reader->Array<double>("patch_offset");
   if (!reader->Check(size.size() == patches.size() && clusters.size() == patches.size(),
                      "its patch geoms do not match its patches")) {
     return {};
   }
-  size_t p = 0, w = 0, c = 0;
+  size_t p = 0, w = 0, c = 0, o = 0;
   for (size_t i = 0; i < patches.size(); i++) {
     Patch& patch = patches[i];
     const size_t count = std::max(size[i], 0), groups = std::max(clusters[i], 0);
@@ -263,14 +173,23 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
     patch.vertices = static_cast<int>(n);
     patch.point.assign(point.begin() + p, point.begin() + p + count);
     patch.weight.assign(weight.begin() + w, weight.begin() + w + count * n);
-    patch.owner = patch.point.back();
-    if (!reader->Check(OnOnePath(points, patch.point) && points[patch.owner].body == m->geom_bodyid[patch.geom],
-                       "a patch is not on the body of its deepest control point")) {
-      return {};
+    bool owned = false;
+    for (const int32_t j : patch.point) {
+      if (!reader->Check(j >= 0 && j < static_cast<int>(points.size()),
+                         "a patch's control points are not those of the body")) {
+        return {};
+      }
+      owned = owned || points[j].body == m->geom_bodyid[patch.geom];
+    }
+    if (!reader->Check(owned, "a patch is not on the body of one of its control points")) return {};
+    if (!offset.empty()) {
+      if (!reader->Check(o + 3 * n <= offset.size(), "patch_offset has too few values")) return {};
+      patch.offset.assign(offset.begin() + o, offset.begin() + o + 3 * n);
     }
     p += count;
     w += count * n;
     c += groups;
+    o += 3 * n;
   }
   return patches;
 }
@@ -285,20 +204,26 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
                 kVersion + ": build it again with the mjframes that is installed");
   }
   reader.Check(std::strcmp(reader.Text("law"), "corotational") == 0, "law has to be 'corotational'");
-  reader.Check(m->opt.integrator != mjINT_RK4,
+  body->implicit_ = std::strcmp(reader.Text("mode"), "explicit") != 0;
+  reader.Check(!body->implicit_ || std::strcmp(reader.Text("mode"), "implicit") == 0,
+               "mode has to be 'implicit' or 'explicit'");
+  body->changes_inertia_ = ChangesInertia(m, instance);
+  reader.Check(m->opt.integrator != mjINT_RK4 || !body->implicit_,
                "integrator RK4 evaluates forces between steps and cannot hold implicit elasticity: use Euler, "
-               "implicitfast, implicit or discrete");
-  reader.Check(m->opt.solver != mjSOL_PGS || m->opt.integrator == mjINT_DISCRETE,
+               "implicitfast, implicit or discrete, or build the body with mode=\"explicit\"");
+  reader.Check(m->opt.solver != mjSOL_PGS || m->opt.integrator == mjINT_DISCRETE || !body->changes_inertia_,
                "solver PGS does not see the effective inertia: use Newton or CG");
-  reader.Check(m->opt.noslip_iterations == 0 || m->opt.integrator == mjINT_DISCRETE,
+  reader.Check(m->opt.noslip_iterations == 0 || m->opt.integrator == mjINT_DISCRETE || !body->changes_inertia_,
                "the noslip solver does not see the effective inertia: set noslip_iterations to 0");
   if (reader.ok()) {
     body->alpha_ = reader.Number("alpha");
     body->beta_ = reader.Number("beta");
   }
-  if (reader.ok()) body->points_ = FindPoints(m, instance, &reader);
-  if (reader.ok()) body->regions_ = ReadRegions(body->points_, &reader);
-  if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->points_, &reader);
+  if (reader.ok()) body->kinematics_.Create(m, instance, &reader);
+  if (reader.ok()) body->regions_ = ReadRegions(&body->kinematics_, &body->mass_difference_, &reader);
+  if (reader.ok()) body->AssignMass();
+  if (reader.ok()) body->kinematics_.Finish(m, &reader);
+  if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->kinematics_.points(), &reader);
   if (reader.ok() && !body->patches_.empty()) {
     body->contact_radius_ = reader.Number("contact_radius");
     WarnOfGeomsWithoutDistance(m);
@@ -309,21 +234,36 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   }
 
   const int slot = m->plugin[instance];
-  body->first_ = std::find(m->plugin, m->plugin + instance, slot) == m->plugin + instance;
-  body->last_ = std::find(m->plugin + instance + 1, m->plugin + m->nplugin, slot) == m->plugin + m->nplugin;
-  const size_t k = body->points_.size();
-  body->x_.resize(k);
-  body->v_.resize(k);
-  body->force_.resize(k);
-  size_t pairs = 0;
-  for (const ControlPoint& point : body->points_) pairs += point.depth + 1;
-  body->pair_stiffness_.resize(9 * pairs);
-  body->pair_sum_.resize(9 * pairs);
+  body->starts_inertia_ = body->factors_inertia_ = body->changes_inertia_;
+  body->last_ = true;
+  for (int other = 0; other < m->nplugin; other++) {
+    if (m->plugin[other] != slot || other == instance) continue;
+    if (other > instance) body->last_ = false;
+    if (!ChangesInertia(m, other)) continue;
+    (other < instance ? body->starts_inertia_ : body->factors_inertia_) = false;
+  }
+  const size_t pairs = body->kinematics_.pairs().size();
+  body->force_.resize(body->kinematics_.points().size());
+  body->stiffness_.resize(9 * pairs);
+  body->added_mass_.resize(pairs);
   int largest = 0;
-  for (const Region& region : body->regions_) largest = std::max(largest, region.size());
+  for (const Region& region : body->regions_) {
+    largest = std::max(largest, region.size());
+    if (region.enlargement != 1) body->held_.resize(9 * pairs);
+  }
   body->scratch_ = std::make_unique<RegionScratch>(largest);
-  if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m->nv);
+  if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m);
   return body;
+}
+
+// Every point is a pair with itself that carries its mass.
+void SoftBody::AssignMass() {
+  const size_t points = kinematics_.points().size();
+  std::vector<int> own(points);
+  for (size_t j = 0; j < points; j++) kinematics_.Couple(static_cast<int>(j), static_cast<int>(j), &own[j]);
+  mass_difference_.resize(kinematics_.pairs().size(), 0.0);
+  mass_ = mass_difference_;
+  for (size_t j = 0; j < points; j++) mass_[own[j]] += kinematics_.points()[j].mass;
 }
 
 const Patch* SoftBody::FindPatch(int geom) const {
@@ -335,113 +275,51 @@ const Patch* SoftBody::FindPatch(int geom) const {
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {
   const double h = m->opt.timestep;
-  GatherState(d);
+  kinematics_.Gather(m, d);
   AddElasticity();
-  AddDamping(h);
-  StoreForce(d);
+  AddDamping(implicit_ ? h + beta_ : beta_);
+  kinematics_.StoreForce(force_, d);
   // compute may run again on the same position: start from the rigid inertia each time
-  if (first_) mj_makeM(m, d);
-  StoreInertia(h, d);
-  if (last_) {
-    mj_factorM(m, d);
-    WriteContactRows(m, d, contact_scratch_.get());
-  }
+  if (starts_inertia_) mj_makeM(m, d);
+  if (changes_inertia_) StoreInertia(h, d);
+  if (factors_inertia_) mj_factorM(m, d);
+  if (last_) WriteContactRows(m, d, contact_scratch_.get());
 }
 
-// x_j = x̄_j + the slides of j and of all its ancestors
-void SoftBody::GatherState(const mjData* d) {
-  for (size_t j = 0; j < points_.size(); j++) {
-    const ControlPoint& point = points_[j];
-    if (!point.moves()) {
-      x_[j] = point.rest;
-      v_[j] = {};
-      continue;
-    }
-    const Vec3 slide = {d->qpos[point.qpos] - point.reference[0], d->qpos[point.qpos + 1] - point.reference[1],
-                        d->qpos[point.qpos + 2] - point.reference[2]};
-    const Vec3 rate = {d->qvel[point.dof], d->qvel[point.dof + 1], d->qvel[point.dof + 2]};
-    x_[j] = point.rest + slide;
-    v_[j] = rate;
-    if (point.parent >= 0) {
-      x_[j] = x_[j] + (x_[point.parent] - points_[point.parent].rest);
-      v_[j] = v_[j] + v_[point.parent];
-    }
+// d->M += Jᵀ ((h² + h β) K + h α M) J, and the part of the mass that MuJoCo does not know of.
+void SoftBody::StoreInertia(double h, mjData* d) {
+  for (size_t i = 0; i < mass_.size(); i++) {
+    added_mass_[i] = (implicit_ ? h * alpha_ * mass_[i] : 0) + mass_difference_[i];
   }
+  kinematics_.StoreInertia(held_.empty() ? stiffness_.data() : held_.data(), implicit_ ? h * (h + beta_) : 0,
+                           added_mass_.data(), d);
 }
 
 void SoftBody::AddElasticity() {
+  const bool stiffness = implicit_ || beta_ > 0;
   std::fill(force_.begin(), force_.end(), Vec3{});
-  std::fill(pair_stiffness_.begin(), pair_stiffness_.end(), 0.0);
+  std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
+  std::fill(held_.begin(), held_.end(), 0.0);
   // neighbouring regions turn alike, so each starts its rotation from the one before
   Mat3 R = kIdentity;
   for (const Region& region : regions_) {
-    R = RegionRotation(region, x_.data(), R);
-    AddRegion(region, x_.data(), R, scratch_.get(), force_.data(), pair_stiffness_.data());
+    R = RegionRotation(region, kinematics_.x().data(), R);
+    AddRegion(region, kinematics_.x().data(), R, scratch_.get(), force_.data(), stiffness ? stiffness_.data() : nullptr,
+              held_.empty() ? nullptr : held_.data());
   }
 }
 
-// f −= (h + β) K v + α M v: the implicit step's K h v and Rayleigh damping
-void SoftBody::AddDamping(double h) {
-  const double scale = h + beta_;
-  for (size_t j = 0; j < points_.size(); j++) {
-    const ControlPoint& point = points_[j];
-    force_[j] = force_[j] - (alpha_ * point.mass) * v_[j];
-    int k = static_cast<int>(j);
-    for (int depth = point.depth; depth >= 0; depth--) {
-      const double* block = pair_stiffness_.data() + 9 * (point.pair + depth);
-      const Mat3 K = {block[0], block[1], block[2], block[3], block[4], block[5], block[6], block[7], block[8]};
-      force_[j] = force_[j] - scale * Mul(K, v_[k]);
-      if (k != static_cast<int>(j)) force_[k] = force_[k] - scale * MulT(K, v_[j]);
-      k = points_[k].parent;
-    }
-  }
-}
-
-// A slide moves its point and all points below it: generalized force = sum over the subtree.
-void SoftBody::StoreForce(mjData* d) {
-  for (size_t j = points_.size(); j-- > 0;) {
-    const ControlPoint& point = points_[j];
-    if (!point.moves()) continue;
-    for (int r = 0; r < 3; r++) d->qfrc_passive[point.dof + r] += force_[j][r];
-    if (point.parent >= 0) force_[point.parent] = force_[point.parent] + force_[j];
-  }
-}
-
-// d->M += Tᵀ ((h² + hβ) K + hα M) T, with T_jk = 1 where k is j or an ancestor of j.
-void SoftBody::StoreInertia(double h, mjData* d) {
-  const double scale = h * h + h * beta_;
-  std::transform(pair_stiffness_.begin(), pair_stiffness_.end(), pair_sum_.begin(),
-                 [scale](double k) { return scale * k; });
-  for (const ControlPoint& point : points_) {
-    if (!point.moves()) continue;
-    double* own = pair_sum_.data() + 9 * (point.pair + point.depth);
-    for (int r = 0; r < 3; r++) own[4 * r] += h * alpha_ * point.mass;
-  }
-  // rows: sum over subtrees, from the leaves up; a point's own pair becomes the sum over its subtree's square
-  for (size_t j = points_.size(); j-- > 1;) {
-    const ControlPoint& point = points_[j];
-    if (point.parent < 0) continue;
-    const ControlPoint& parent = points_[point.parent];
-    const double* row = pair_sum_.data() + 9 * point.pair;
-    double* into = pair_sum_.data() + 9 * parent.pair;
-    for (int e = 0; e < 9 * parent.depth; e++) into[e] += row[e];
-    const double* cross = row + 9 * parent.depth;
-    const double* own = row + 9 * point.depth;
-    double* parent_own = into + 9 * parent.depth;
-    for (int e = 0; e < 9; e++) parent_own[e] += own[e] + cross[e] + cross[3 * (e % 3) + e / 3];
-  }
-  // columns: along each path, from the point up to the root
-  for (const ControlPoint& point : points_) {
-    double sum[9] = {};
-    const double* row = pair_sum_.data() + 9 * point.pair;
-    for (int depth = point.depth; depth >= 0; depth--) {
-      for (int e = 0; e < 9; e++) sum[e] += row[9 * depth + e];
-      for (int r = 0; r < 3; r++) {
-        double* entry = d->M + point.inertia[r] + 3 * depth;
-        const int columns = depth == point.depth ? r + 1 : 3;
-        for (int c = 0; c < columns; c++) entry[c] += sum[3 * r + c];
-      }
-    }
+// f −= rate K v + α M v; rate: h of the implicit step and Rayleigh's β
+void SoftBody::AddDamping(double rate) {
+  const std::vector<Vec3>& v = kinematics_.v();
+  for (size_t i = 0; i < kinematics_.pairs().size(); i++) {
+    const auto [j, k, sum, flip] = kinematics_.pairs()[i];
+    const double* block = stiffness_.data() + 9 * i;
+    Mat3 C;
+    for (int e = 0; e < 9; e++) C[e] = rate * block[e];
+    for (int r = 0; r < 3; r++) C[4 * r] += alpha_ * mass_[i];
+    force_[j] = force_[j] - Mul(C, v[k]);
+    if (j != k) force_[k] = force_[k] - MulT(C, v[j]);
   }
 }
 

@@ -1,12 +1,13 @@
 // mjframes.soft: a soft body made of frames, inside mj_step.
 //
-// A control point is one MuJoCo body with three slide joints, nested along the elimination tree of the stiffness
-// matrix, so that every coupled pair of points is an ancestor pair and all of K fits the sparsity of d->M. Each step
+// The control points ride on MuJoCo bodies that are nested along the elimination tree of the stiffness matrix, so that
+// all of K fits the sparsity of d->M (kinematics.h). Each step
 //
-//   qfrc_passive += f_elastic − (h + β) K v − α M v
-//   d->M         += (h² + h β) K + h α M,   then factored
+//   qfrc_passive += Jᵀ (f_elastic − (h + β) K v − α M v)
+//   d->M         += Jᵀ ((h² + h β) K + h α M) J,   then factored
 //
-// and MuJoCo's own solver finishes the linearly implicit Euler step (7) with contacts and all.
+// and MuJoCo's own solver finishes the linearly implicit Euler step (7) with contacts and all. In explicit mode the
+// first line has β K v for (h + β) K v and the second is left out.
 // Index letters: j, k control point; e region; s surface vertex. Everything is in the soft body's own axes [SI].
 
 #ifndef MJFRAMES_PLUGIN_SOFT_H_
@@ -19,28 +20,12 @@
 
 #include "contact.h"
 #include "corotational.h"
+#include "kinematics.h"
 #include "linear.h"
 
 namespace mjframes {
 
 inline constexpr char kPluginName[] = "mjframes.soft";
-
-// A control point and where its degrees of freedom stand in MuJoCo's arrays. A fixed one has none: its body stands
-// still in the soft body's axes, that is, in the body that the soft body was attached to.
-struct ControlPoint {
-  int body;        // MuJoCo body
-  int parent;      // control point, −1 for roots and fixed points
-  int depth;       // number of ancestor points, −1 for fixed points
-  int pair;        // its pairs with the ancestors at depth 0, 1, … start here; the last is with itself
-  int qpos;        // address of its three coordinates
-  int dof;         // address of its three velocities
-  int inertia[3];  // entry of d->M in row dof + r and the root point's first column
-  double mass;     // [kg]
-  Vec3 reference;  // qpos0 [m]
-  Vec3 rest;       // x̄_j [m]
-
-  bool moves() const { return depth >= 0; }
-};
 
 class SoftBody {
  public:
@@ -52,28 +37,32 @@ class SoftBody {
 
   const Patch* FindPatch(int geom) const;
   double contact_radius() const { return contact_radius_; }
-  const std::vector<ControlPoint>& points() const { return points_; }
+  const Kinematics& kinematics() const { return kinematics_; }
 
  private:
   SoftBody() = default;
 
-  void GatherState(const mjData* d);
+  void AssignMass();
   void AddElasticity();
-  void AddDamping(double h);
-  void StoreForce(mjData* d);
+  void AddDamping(double rate);
   void StoreInertia(double h, mjData* d);
 
-  bool first_ = false, last_ = false;  // among the model's instances of this plugin
-  double alpha_ = 0, beta_ = 0;        // Rayleigh damping [1/s], [s]
-  double contact_radius_ = 0;          // [m]
-  std::vector<ControlPoint> points_;
+  bool implicit_ = true, changes_inertia_ = true;
+  bool starts_inertia_ = false, factors_inertia_ = false;  // first, last of the model's instances that change it
+  bool last_ = false;                                      // of all instances
+  double alpha_ = 0, beta_ = 0;                            // Rayleigh damping [1/s], [s]
+  double contact_radius_ = 0;                              // [m]
+  Kinematics kinematics_;
   std::vector<Region> regions_;
   std::vector<Patch> patches_;
+  std::vector<double> mass_;             // of each pair of points [kg]
+  std::vector<double> mass_difference_;  // how much of it MuJoCo does not know of: consistent minus lumped mass [kg]
 
   // of this step; one SoftBody belongs to one mjData
-  std::vector<Vec3> x_, v_, force_;     // position, velocity, force of the control points
-  std::vector<double> pair_stiffness_;  // K, 3×3 row-major block a pair (deeper, shallower)
-  std::vector<double> pair_sum_;        // the effective inertia's addition, summed over subtrees
+  std::vector<Vec3> force_;         // on the control points
+  std::vector<double> stiffness_;   // K, 3×3 row-major block a pair
+  std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
+  std::vector<double> added_mass_;  // of each pair: h α m + mass difference
   std::unique_ptr<RegionScratch> scratch_;
   std::unique_ptr<ContactScratch> contact_scratch_;
 };

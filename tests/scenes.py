@@ -57,23 +57,36 @@ def compiled(
     for key, value in options.items():
         setattr(spec.option, key, value)
     for number, (body, pos, quat) in enumerate(bodies):
-        attach(spec.body(parent), body, f"soft{number}", pos, quat, contact)
+        attach(spec.body(parent), body, f"soft{number}", pos, quat, contact, spec)
     model = spec.compile()
     return model, mujoco.MjData(model)
 
 
-def point_jacobian(model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
-    """∂x/∂q (3k, nv) of the origins of `bodies` (k,); needs mj_forward."""
-    jacobian = np.zeros((len(bodies), 3, model.nv))
-    for j, body in enumerate(bodies):
-        mujoco.mj_jacBody(model, data, jacobian[j], None, int(body))
+def point_jacobian(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
+    """∂x/∂q (3k, nv) of the control points, without what moves all of them alike; needs mj_forward."""
+    jacobian = np.zeros((len(view.bodies), 3, model.nv))
+    for j, (body, x) in enumerate(zip(view.bodies, view.control_positions, strict=True)):
+        mujoco.mj_jac(model, data, jacobian[j], None, x, int(body))
+    moved = np.array([[_is_below(model, int(body), int(model.dof_bodyid[a])) for a in range(model.nv)]
+                      for body in view.bodies])  # fmt: skip
+    moved &= ~np.isin(model.dof_bodyid, view.bodies)  # the soft body's own degrees of freedom stay
+    jacobian[:, :, moved.all(axis=0)] = 0
     return jacobian.reshape(-1, model.nv)
 
 
-def point_mass(model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
-    """(nv, nv) inertia of the masses of control points `bodies` (k,)."""
-    jacobian = point_jacobian(model, data, bodies)
-    return jacobian.T @ (np.repeat(model.body_mass[bodies], 3)[:, None] * jacobian)
+def _is_below(model: mujoco.MjModel, body: int, upper: int) -> bool:
+    while body > upper:
+        body = int(model.body_parentid[body])
+    return body == upper
+
+
+def point_mass(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
+    """(nv, nv) inertia of the soft body's own mass."""
+    jacobian = point_jacobian(model, data, view)
+    mass = np.diag(view.mass)
+    for points, difference in view.mass_difference:
+        mass[np.ix_(points, points)] += difference
+    return jacobian.T @ np.kron(mass, np.eye(3)) @ jacobian
 
 
 def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[np.ndarray, np.ndarray]:
@@ -82,10 +95,10 @@ def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[
     force, stiffness = np.zeros(x.size), np.zeros((x.size, x.size))
     for points, gradient, matrix in view.regions:
         f, k = region_response(x[points], view.rest[points], gradient, matrix)
-        dofs = (3 * points[:, None] + np.arange(3)).ravel()
-        force[dofs] += f.ravel()
-        stiffness[np.ix_(dofs, dofs)] += k
-    jacobian = point_jacobian(model, data, view.bodies)
+        rows = (3 * points[:, None] + np.arange(3)).ravel()
+        force[rows] += f.ravel()
+        stiffness[np.ix_(rows, rows)] += k
+    jacobian = point_jacobian(model, data, view)
     return jacobian.T @ force, jacobian.T @ stiffness @ jacobian
 
 
@@ -97,7 +110,7 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         view = soft(model, data, name)
         alpha, beta = float(view.configuration["alpha"]), float(view.configuration["beta"])
         force, stiffness = elasticity(model, data, view)
-        mass = point_mass(model, data, view.bodies)
+        mass = point_mass(model, data, view)
         passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
         inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
     return passive, inertia
@@ -134,6 +147,11 @@ def dense_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return jacobian
 
 
+def dofs(model: mujoco.MjModel, view: Soft) -> np.ndarray:
+    """(k, 3) degrees of freedom of control points that have slides of their own."""
+    return model.jnt_dofadr[model.body_jntadr[view.bodies]][:, None] + np.arange(3)
+
+
 def coordinates(model: mujoco.MjModel, view: Soft) -> np.ndarray:
     """(k, 3) places of a soft body's coordinates in qpos."""
     return model.jnt_qposadr[model.body_jntadr[view.bodies]][:, None] + np.arange(3)
@@ -143,7 +161,7 @@ def move_points(model: mujoco.MjModel, data: mujoco.MjData, view: Soft, x: np.nd
     """Set qpos so that the control points come to x (k, 3) in the world [m]."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    jacobian = point_jacobian(model, data, view.bodies)[:, view.dofs.ravel()]
+    jacobian = point_jacobian(model, data, view)[:, dofs(model, view).ravel()]
     slide = np.linalg.solve(jacobian, (x - view.control_positions).ravel())
     data.qpos[coordinates(model, view)] += slide.reshape(-1, 3)
 
@@ -169,4 +187,12 @@ def distort(
         view = soft(model, data, name)
         move_points(model, data, view, distorted(view.control_positions, rng, mirrored=mirrored))
     data.qvel[:] = speed * rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+
+
+def jumble(model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, length: float, angle: float) -> None:
+    """Random coordinates of any joints, ±length [m] of slides and ±angle of the others; calls mj_forward."""
+    mujoco.mj_resetData(model, data)
+    slides = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_SLIDE
+    mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, model.nv) * np.where(slides, length, angle), 1.0)
     mujoco.mj_forward(model, data)

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import pytest
-from scenes import beam, compiled, dense_constraints, dense_inertia, distorted, lump, move_points
+from scenes import TILTED, beam, compiled, dense_constraints, dense_inertia, distorted, jumble, lump, move_points
 from scipy.optimize import brentq
 
-from mjframes.mjcf import decode
+from mjframes.body import SoftBody, build
+from mjframes.configuration import decode
+from mjframes.material import Material
+from mjframes.supports import Attached
 from mjframes.view import Soft, soft
+from mjframes.volume import Volume
 
 # A soft body on an arm comes down on the obstacle.
 SCENE = """
@@ -120,16 +125,18 @@ def touching(
 
 
 class Cluster(NamedTuple):
-    """geom: of its patch.  weights: W_j(s) (s, k) of its vertices."""
+    """geom: of its patch.  weights: W_j(s) (s, k) of its vertices.  offset: (s, 3) beyond Σ_j W_j x_j [m]."""
 
     geom: int
     weights: np.ndarray
+    offset: np.ndarray
 
 
 def clusters(model: mujoco.MjModel, view: Soft) -> list[Cluster]:
     """All clusters of contact vertices of a soft body, read from the plugin's configuration."""
     parts = {key: decode(view.configuration[f"patch_{key}"]) for key in ("size", "clusters", "cluster_size", "point")}
     weight = decode(view.configuration["patch_weight"])
+    offset = decode(view.configuration["patch_offset"]) if "patch_offset" in view.configuration else None
     instance = model.body_plugin[view.bodies[0]]
     found = []
     for geom, size, count in zip(
@@ -140,7 +147,12 @@ def clusters(model: mujoco.MjModel, view: Soft) -> list[Cluster]:
         block, weight = np.split(weight, [size * sizes.sum()])
         dense = np.zeros((sizes.sum(), len(view.bodies)))
         dense[:, points] = block.reshape(size, -1).T
-        found += [Cluster(int(geom), some) for some in np.split(dense, np.cumsum(sizes)[:-1])]
+        beyond = np.zeros((sizes.sum(), 3))
+        if offset is not None:
+            block, offset = np.split(offset, [3 * sizes.sum()])
+            beyond = block.reshape(3, -1).T
+        ends = np.cumsum(sizes)[:-1]
+        found += [Cluster(int(geom), *some) for some in zip(np.split(dense, ends), np.split(beyond, ends), strict=True)]
     assert weight.size == 0
     return found
 
@@ -161,9 +173,11 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
     geom = model.geom("obstacle").id
     axes, origin = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
     radius = float(view.configuration["contact_radius"])
+    holder = data.body("soft0").xmat.reshape(3, 3)
     found = []
     for cluster in clusters(model, view):
-        local = (cluster.weights @ view.control_positions - origin) @ axes
+        vertices = cluster.weights @ view.control_positions + cluster.offset @ holder.T
+        local = (vertices - origin) @ axes
         gap = obstacle.distance(local) - radius
         share = np.maximum(0, 1 - (gap - gap.min()) / radius) ** 2
         share /= share.sum()
@@ -172,7 +186,7 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
         normal = axes @ gradient @ share
         if share @ gap < model.geom_margin[geom]:
             weight = share @ cluster.weights
-            centre = weight @ view.control_positions
+            centre = share @ vertices
             found.append(Touch(cluster.geom, weight, centre, normal / np.linalg.norm(normal), float(share @ gap)))
     return found
 
@@ -195,7 +209,10 @@ def test_contacts_are_the_pressure_centres_of_the_clusters(obstacle: Obstacle, d
 @pytest.mark.parametrize("jacobian", ["dense", "sparse"])
 @pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
 def test_rows_are_the_velocity_of_the_material_point(obstacle: Obstacle, cone: str, jacobian: str) -> None:
-    model, data = touching(obstacle, cone, jacobian)
+    check_rows(*touching(obstacle, cone, jacobian), obstacle, cone)
+
+
+def check_rows(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle, cone: str) -> None:
     rows = dense_constraints(model, data)
     view = soft(model, data, "soft0")
     expected = touches(model, data, obstacle)
@@ -216,12 +233,54 @@ def test_rows_are_the_velocity_of_the_material_point(obstacle: Obstacle, cone: s
     np.testing.assert_allclose(data.efc_vel, rows @ data.qvel, atol=1e-12)
 
 
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+@pytest.mark.parametrize("kind", ["plane", "box", "cylinder"])
+def test_rows_of_frames_that_turn_and_of_links_that_hold(kind: str, cone: str, jacobian: str) -> None:
+    obstacle = OBSTACLES[kind]
+    model, data = compiled(SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict()).replace(
+        '<body name="obstacle"', '<body name="hand"><joint axis="1 0 0"/><geom size=".001" contype="0" conaffinity="0"/></body>'
+        '<body name="obstacle"'), (held_bar(), (-0.12, 0, 0), TILTED), parent="arm")  # fmt: skip
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        jumble(model, data, rng, 0.03, 0.5)
+        data.qvel[:] = rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        if data.ncon >= 3:
+            break
+    assert data.ncon >= 3
+    check_rows(model, data, obstacle, cone)
+
+
+@cache
+def held_bar() -> SoftBody:
+    labels = np.ones((24, 6, 6), int)
+    soft_material = Material(2e4, 0.35, 1000)
+    piece = np.zeros(labels.shape, bool)
+    piece[:3] = True
+    volume = Volume.from_labels(labels, 0.01, {1: soft_material})
+    return build(volume, 4, 8, frame_type=("point", "rigid", "affine", "rigid"), attached=[Attached("arm", piece)])
+
+
+def test_what_holds_a_piece_is_not_touched() -> None:
+    xml = """<mujoco><worldbody><body name="arm"><joint axis="0 1 0"/><geom size=".5" mass="1"/></body>
+      </worldbody></mujoco>"""
+    model, data = compiled(xml, (held_bar(), (0, 0, 0), (1, 0, 0, 0)), parent="arm")
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+    model, data = compiled(xml, (lump(), (0, 0, 0), (1, 0, 0, 0)), parent="arm")
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 0
+
+
 def relative_motion(
     model: mujoco.MjModel, data: mujoco.MjData, contact: mujoco._structs._MjContactList, touch: Touch, view: Soft
 ) -> tuple[np.ndarray, np.ndarray]:
     """∂/∂q̇ (3, nv) of the soft point's velocity relative to the obstacle's, and of the relative spin."""
     obstacle, owner = model.body("obstacle").id, int(model.geom_bodyid[touch.geom])
-    arm = data.xmat[owner].reshape(3, 3).T @ (contact.pos - touch.centre)  # the sphere turns with its body
+    # the lever from the point of the skin to the surface turns with each body by its share
+    turn = data.xmat[view.bodies].reshape(-1, 3, 3)
+    lever = view.offset + np.einsum("kba,b->ka", turn, contact.pos - touch.weight @ view.control_positions)
     spot = data.xmat[obstacle].reshape(3, 3).T @ (contact.pos - data.xpos[obstacle])
     moved, slip, step = mujoco.MjData(model), np.zeros((3, model.nv)), 1e-6
     for dof, direction in enumerate(np.eye(model.nv)):
@@ -230,7 +289,8 @@ def relative_motion(
             moved.qpos[:] = data.qpos
             mujoco.mj_integratePos(model, moved.qpos, direction, sign * step)
             mujoco.mj_kinematics(model, moved)
-            point = touch.weight @ moved.xpos[view.bodies] + moved.xmat[owner].reshape(3, 3) @ arm
+            turn = moved.xmat[view.bodies].reshape(-1, 3, 3)
+            point = touch.weight @ (moved.xpos[view.bodies] + np.einsum("kab,kb->ka", turn, lever))
             gap.append(point - moved.xpos[obstacle] - moved.xmat[obstacle].reshape(3, 3) @ spot)
         slip[:, dof] = (gap[0] - gap[1]) / (2 * step)
     spins = np.zeros((2, 3, model.nv))

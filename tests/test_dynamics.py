@@ -29,7 +29,7 @@ FALLS = {"on a floor": (FLOOR, 0.05), "on an edge": (EDGE, 0.2)}
 def momenta(view: Soft) -> tuple[np.ndarray, np.ndarray]:
     """Linear [kg m/s] and angular [kg m²/s] momentum about the world's origin, (3,) each."""
     model, data = view.model, view.data
-    velocity = (point_jacobian(model, data, view.bodies) @ data.qvel).reshape(-1, 3)
+    velocity = (point_jacobian(model, data, view) @ data.qvel).reshape(-1, 3)
     momentum = model.body_mass[view.bodies, None] * velocity
     return momentum.sum(axis=0), np.cross(view.control_positions, momentum).sum(axis=0)
 
@@ -42,7 +42,7 @@ def test_momentum_is_conserved_in_free_flight(beta: float) -> None:
     x = view.control_positions
     spin = np.cross([5.0, -3.0, 8.0], x - x.mean(axis=0))
     velocity = spin + [1, 2, 3] + 0.3 * np.random.default_rng(0).normal(size=x.shape)
-    data.qvel[:] = np.linalg.solve(point_jacobian(model, data, view.bodies), velocity.ravel())
+    data.qvel[:] = np.linalg.solve(point_jacobian(model, data, view), velocity.ravel())
     mujoco.mj_forward(model, data)
     before, energy = momenta(view), view.kinetic_energy + view.elastic_energy
     for _ in range(500):

@@ -112,7 +112,7 @@ def test_internal_forces_are_balanced(body: SoftBody) -> None:
     for speed in [0.0, 3.0] * 10:  # at rest; then with the implicit step's and Rayleigh's damping
         distort(model, data, rng, speed)
         # of each point's own force, which MuJoCo's coordinates mix: qfrc = Jᵀ f
-        force = np.linalg.solve(point_jacobian(model, data, view.bodies).T, data.qfrc_passive).reshape(-1, 3)
+        force = np.linalg.solve(point_jacobian(model, data, view).T, data.qfrc_passive).reshape(-1, 3)
         arm = view.control_positions - view.control_positions.mean(axis=0)
         size = np.abs(force).sum()
         assert np.abs(force.sum(axis=0)).max() < 1e-10 * size

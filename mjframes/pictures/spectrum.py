@@ -31,7 +31,7 @@ def natural_frequencies(body: SoftBody) -> NDArray[np.float64]:
     for points, matrix in zip(body.stiffness.points, body.stiffness.matrix, strict=True):
         freedom = (3 * points[:, None] + np.arange(3)).ravel()
         stiffness[np.ix_(freedom, freedom)] += matrix
-    free = np.repeat(body.control.frame >= body.fixed, 3)
+    free = np.repeat(body.control.frame >= body.held, 3)
     root = np.sqrt(np.repeat(body.control.mass, 3)[free])
     eigenvalues = linalg.eigvalsh(stiffness[np.ix_(free, free)] / np.outer(root, root))
     eigenvalues[eigenvalues < NULL * eigenvalues[-1]] = 0

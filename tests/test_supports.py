@@ -6,8 +6,8 @@ import pytest
 
 import mjframes as mf
 from mjframes.errors import MjframesError
-from mjframes.fixed import Fixed, fixed_cores
 from mjframes.grid import voxel_grid
+from mjframes.supports import Fixed, held_cores
 
 SHAPE, SPACING = (32, 8, 8), 0.0125  # 0.4 × 0.1 × 0.1 m
 DEFLECTION = -1000 * 9.81 * 0.01 * 0.4**4 / (8 * 1e6 * 0.1**4 / 12)  # [m] of Euler and Bernoulli's cantilever
@@ -56,7 +56,7 @@ def test_what_holds_turns_with_the_body_it_is_attached_to(cantilever: mf.SoftBod
     upright = (np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0)  # the bar's x axis up: it is pressed, not bent
     model, data = hang(cantilever, pos=(1.0, 2.0, 3.0), quat=upright)
     x = mf.soft(model, data, "bar").control_positions
-    fixed = cantilever.control.frame < cantilever.fixed
+    fixed = cantilever.control.frame < cantilever.held
     rest = cantilever.control.rest
     np.testing.assert_allclose(x[fixed, 2] - 3, rest[fixed, 0], atol=1e-6)
     sag = np.average(x[:, 2] - 3 - rest[:, 0], weights=cantilever.control.mass)
@@ -74,7 +74,7 @@ def test_what_holds_turns_with_the_body_it_is_attached_to(cantilever: mf.SoftBod
 )
 def test_wrong_masks_are_refused(masks: list[np.ndarray], words: str) -> None:
     with pytest.raises(MjframesError, match=words):
-        fixed_cores(voxel_grid(bar()), [Fixed(mask) for mask in masks])
+        held_cores(voxel_grid(bar()), [Fixed(mask) for mask in masks], [])
 
 
 def test_a_touched_rigid_piece_is_fixed_as_a_whole() -> None:
@@ -82,5 +82,5 @@ def test_a_touched_rigid_piece_is_fixed_as_a_whole() -> None:
     labels[:5] = 2
     soft = mf.Material(young=1e6, poisson=0.3, density=1000)
     volume = mf.Volume.from_labels(labels, SPACING, {1: soft, 2: mf.Material.rigid(density=2000)})
-    (core,) = fixed_cores(voxel_grid(volume), [Fixed(end())])
+    ((core,), _) = held_cores(voxel_grid(volume), [Fixed(end())], [])
     assert len(core) == 5 * 64

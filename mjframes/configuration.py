@@ -1,0 +1,135 @@
+"""The plugin instance's attributes: a soft body as the text that plugin/soft.cc reads."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjframes.asset import lower_triangle
+from mjframes.body import SoftBody
+from mjframes.carriers import Carrier
+from mjframes.constants import FORMAT_VERSION
+from mjframes.stiffness import shows_rotations
+
+ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
+    "version",
+    "law",
+    "mode",
+    "alpha",
+    "beta",
+    "carrier_size",
+    "carrier_point",
+    "point_offset",
+    "point_rest",
+    "point_mass",
+    "point_branch",
+    "region_size",
+    "region_point",
+    "region_gradient",
+    "region_stiffness",
+    "region_mass",
+    "region_enlargement",
+    "contact_radius",
+    "patch_size",
+    "patch_clusters",
+    "patch_cluster_size",
+    "patch_point",
+    "patch_weight",
+    "patch_offset",
+)
+ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
+
+
+def configuration(
+    body: SoftBody, carried: Sequence[Carrier], branch: np.ndarray, patches: Sequence[np.ndarray]
+) -> dict[str, str]:
+    """carried: in the order of the model's bodies.  branch: (k,) of the kinematic tree, 0 where it is the soft body's.
+
+    patches: the contact spheres of each, in the order of the model's geoms; none for no contact.
+    """
+    stiffness, control = body.stiffness, body.control
+    rest, offset, mass = control.rest.copy(), np.zeros_like(control.rest), np.zeros(len(control.mass))
+    for carrier in carried:
+        mass[carrier.points] = carrier.mass / len(carrier.points)
+        if carrier.joints == "slides":  # as the bodies have it, digits lost: from any other a stiff body is strained
+            rest[carrier.points] = carrier.pose[1]
+        else:
+            offset[carrier.points] = carrier.local(rest[carrier.points])
+    gradients = [
+        shows_rotations(gradient, rest[points])
+        for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
+    ]
+    values = {
+        "version": str(FORMAT_VERSION),
+        "law": "corotational",
+        "mode": body.mode,
+        "alpha": repr(body.damping[0]),
+        "beta": repr(body.damping[1]),
+        "carrier_size": encode([len(carrier.points) for carrier in carried]),
+        "carrier_point": encode(np.concatenate([carrier.points for carrier in carried])),
+        "point_rest": encode(rest),
+        "point_mass": encode(mass),
+        "region_size": encode([len(points) for points in stiffness.points]),
+        "region_point": encode(np.concatenate(stiffness.points)),
+        "region_gradient": encode(np.concatenate(gradients)),
+        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix])),
+    }
+    if offset.any():
+        values["point_offset"] = encode(offset)
+    if branch.any():
+        values["point_branch"] = encode(branch)
+        values["region_enlargement"] = encode(np.array([enlargement(branch[p]) for p in stiffness.points]))
+    if body.mass_difference:
+        values["region_mass"] = encode(np.concatenate([lower_triangle(matrix) for matrix in body.mass_difference]))
+    return values | (_contact(body, patches) if patches else {})
+
+
+def enlargement(branch: np.ndarray) -> float:
+    """Of a region's stiffness where its points, on these branches, are coupled beyond what MuJoCo's inertia holds.
+
+    K ⪯ n blockdiag(K) for n branches, and the step is stable while K ⪯ 4/3 of what is held.
+    """
+    return max(1.0, 0.75 * len(np.unique(branch)))
+
+
+def _contact(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
+    points = [patch_points(body, spheres) for spheres in patches]
+    weights = body.contact.weights.toarray()
+    sizes = [np.bincount(body.contact.cluster[spheres]) for spheres in patches]
+    values = {
+        "contact_radius": repr(body.contact.radius),
+        "patch_size": encode([len(some) for some in points]),
+        "patch_clusters": encode([len(clusters) for clusters in sizes]),
+        "patch_cluster_size": encode(np.concatenate(sizes)),
+        "patch_point": encode(np.concatenate(points)),
+        "patch_weight": encode(
+            np.concatenate(
+                [weights[np.ix_(spheres, some)].T.ravel() for spheres, some in zip(patches, points, strict=True)]
+            )
+        ),
+    }
+    offset = body.contact.centers - body.contact.weights @ body.control.rest
+    if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.centers, axis=0).max():
+        values["patch_offset"] = encode(np.concatenate([offset[spheres].T.ravel() for spheres in patches]))
+    return values
+
+
+def patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
+    """The control points that move any of the spheres, and all points of their frames: one path, ancestors first."""
+    frames = np.unique(body.control.frame[body.contact.weights[spheres].indices])
+    return np.flatnonzero(np.isin(body.control.frame, frames))
+
+
+def encode(values: np.ndarray | Sequence[int]) -> str:
+    """An array as the plugin reads it: type, count and base64 of the little-endian values."""
+    array = np.ravel(values)
+    kind, form = ("i32", "<i4") if np.issubdtype(array.dtype, np.integer) else ("f64", "<f8")
+    return f"{kind}:{array.size}:{base64.b64encode(array.astype(form).tobytes()).decode('ascii')}"
+
+
+def decode(text: str) -> np.ndarray:
+    """The values (count,) of what `encode` wrote."""
+    kind, _, data = text.split(":")
+    return np.frombuffer(base64.b64decode(data), "<i4" if kind == "i32" else "<f8")

@@ -1,0 +1,137 @@
+// Stress and projected Hessian of the laws at four deformation gradients at once, from their invariants (laws/law.h).
+//
+//   P = 2 f' F + 2 c₂ (I₁ F − F Fᵀ F) + g' cof F,   g' = κ (J − 1) − d
+//
+// With F = U diag(σ) Vᵀ, the Hessian of an isotropic law falls apart (Smith et al., ACM TOG 38(1), 2019): into a 3×3
+// block A on the modes u_i v_iᵀ and, for each pair i ≠ j and the third index k, twist and flip (u_i v_jᵀ ∓ u_j
+// v_iᵀ)/√2:
+//
+//   A_ii = 2 f' + 4 f'' σ_i² + 2 c₂ (I₁ − σ_i²) + κ (J/σ_i)²,   A_ij = 4 (f'' + c₂) σ_i σ_j + κ (J/σ_i)(J/σ_j) + g'
+//   σ_k, twist, flip = 2 f' + 2 c₂ (σ_k² ± σ_i σ_j) ± g' σ_k.
+//
+// These are (ψ_i ± ψ_j)/(σ_i ± σ_j) divided out, so that equal and opposite σ are no special case. Negative eigenvalues
+// become zero, which leaves the closest positive semi-definite Hessian.
+
+#ifndef MJFRAMES_PLUGIN_HESSIAN_H_
+#define MJFRAMES_PLUGIN_HESSIAN_H_
+
+#include "lanes.h"
+#include "svd.h"
+
+namespace mjframes {
+
+struct Invariants {
+  Lanes cofactor[9];  // J F⁻ᵀ
+  Lanes i1, i2, j;
+};
+
+// f', f'', c₂ and κ of law.h, and g', at each of the four.
+struct Slopes {
+  Lanes f1, f2, second, volume, g1;
+};
+
+MJFRAMES_INLINE Invariants InvariantsOf(const Lanes* F) {
+  Invariants is;
+  is.i1 = Fill(0);
+  Lanes square = Fill(0);  // |cof F|² = I₂
+  for (int r = 0; r < 3; r++) {
+    const int s = (r + 1) % 3, t = (r + 2) % 3;
+    for (int a = 0; a < 3; a++) {
+      const int b = (a + 1) % 3, c = (a + 2) % 3;
+      const Lanes entry = F[3 * s + b] * F[3 * t + c] - F[3 * s + c] * F[3 * t + b];
+      is.cofactor[3 * r + a] = entry;
+      square += entry * entry;
+      is.i1 += F[3 * r + a] * F[3 * r + a];
+    }
+  }
+  is.i2 = square;
+  is.j = F[0] * is.cofactor[0] + F[1] * is.cofactor[1] + F[2] * is.cofactor[2];
+  return is;
+}
+
+MJFRAMES_INLINE void FirstPiola(const Lanes* F, const Invariants& is, const Slopes& of, Lanes* P) {
+  Lanes C[9];
+  for (int a = 0; a < 3; a++) {
+    for (int b = 0; b < 3; b++) C[3 * a + b] = F[a] * F[b] + F[3 + a] * F[3 + b] + F[6 + a] * F[6 + b];
+  }
+  const Lanes along = 2.0 * (of.f1 + of.second * is.i1), cubed = -2.0 * of.second;
+  for (int r = 0; r < 9; r += 3) {
+    for (int a = 0; a < 3; a++) {
+      const Lanes fc = F[r] * C[a] + F[r + 1] * C[3 + a] + F[r + 2] * C[6 + a];
+      P[r + a] = along * F[r + a] + cubed * fc + of.g1 * is.cofactor[r + a];
+    }
+  }
+}
+
+// A⁺, the symmetric A (row major) without its negative eigenvalues, in place.
+MJFRAMES_INLINE void ProjectBlock(Lanes* A) {
+  // A + c I is positive, so that its singular vectors are A's eigenvectors
+  Lanes square = Fill(0), B[9], V[9];
+  for (int e = 0; e < 9; e++) square += A[e] * A[e];
+  const Lanes shift = Sqrt(square);
+  for (int e = 0; e < 9; e++) B[e] = e % 4 == 0 ? A[e] + shift : A[e];
+  Orthogonalize(B, V);
+  Lanes excess[3];  // what to add to each eigenvalue
+  for (int c = 0; c < 3; c++) {
+    const Lanes value = Sqrt(B[c] * B[c] + B[3 + c] * B[3 + c] + B[6 + c] * B[6 + c]) - shift;
+    excess[c] = Positive(-value);
+  }
+  for (int r = 0; r < 3; r++) {
+    for (int s = r; s < 3; s++) {
+      const Lanes sum = excess[0] * V[3 * r] * V[3 * s] + excess[1] * V[3 * r + 1] * V[3 * s + 1] +
+                        excess[2] * V[3 * r + 2] * V[3 * s + 2];
+      A[3 * r + s] += sum;
+      if (s > r) A[3 * s + r] = A[3 * r + s];
+    }
+  }
+}
+
+// H[9 (3r + a) + 3s + b] = ∂P_ra/∂F_sb, projected.
+MJFRAMES_INLINE void ProjectedHessian(const Lanes* F, const Slopes& of, Lanes* H) {
+  Lanes U[9], V[9], sigma[3];
+  SignedSvd(F, U, sigma, V);
+
+  Lanes A[9], same[3], crossed[3];  // by k: (twist ± flip)/2, on (ij, ij) and on (ij, ji)
+  for (int i = 0; i < 3; i++) {
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    const Lanes ji = sigma[j] * sigma[k], jj = sigma[i] * sigma[k];  // J/σ_i, J/σ_j
+    A[4 * i] = 2.0 * of.f1 + 4.0 * of.f2 * sigma[i] * sigma[i] +
+               2.0 * of.second * (sigma[j] * sigma[j] + sigma[k] * sigma[k]) + of.volume * ji * ji;
+    const Lanes product = sigma[i] * sigma[j];
+    const Lanes mixed = 4.0 * (of.f2 + of.second) * product + of.volume * ji * jj + of.g1 * sigma[k];
+    A[3 * i + j] = A[3 * j + i] = mixed;
+    const Lanes even = 2.0 * of.f1 + 2.0 * of.second * sigma[k] * sigma[k];
+    const Lanes odd = 2.0 * of.second * product + of.g1 * sigma[k];
+    const Lanes twist = Positive(even + odd), flip = Positive(even - odd);
+    same[k] = 0.5 * (flip + twist);
+    crossed[k] = 0.5 * (flip - twist);
+  }
+  ProjectBlock(A);
+
+  // H = Σ M_ij ⊗ R_ij, M_ij = u_i v_jᵀ
+  Lanes M[9][9], R[9][9];
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++) {
+      for (int e = 0; e < 9; e++) M[3 * i + j][e] = U[e / 3 * 3 + i] * V[e % 3 * 3 + j];
+    }
+  }
+  for (int i = 0; i < 3; i++) {
+    for (int e = 0; e < 9; e++) R[4 * i][e] = A[3 * i] * M[0][e] + A[3 * i + 1] * M[4][e] + A[3 * i + 2] * M[8][e];
+    for (int j = 0; j < 3; j++) {
+      if (j == i) continue;
+      const int k = 3 - i - j;
+      for (int e = 0; e < 9; e++) R[3 * i + j][e] = same[k] * M[3 * i + j][e] + crossed[k] * M[3 * j + i][e];
+    }
+  }
+  for (int e = 0; e < 9; e++) {
+    for (int f = e; f < 9; f++) {
+      Lanes sum = M[0][e] * R[0][f];
+      for (int n = 1; n < 9; n++) sum += M[n][e] * R[n][f];
+      H[9 * e + f] = H[9 * f + e] = sum;
+    }
+  }
+}
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_HESSIAN_H_

@@ -1,0 +1,401 @@
+#include "kinematics.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mjframes {
+namespace {
+
+constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
+
+Vec3 Position(const mjtNum* values) { return {values[0], values[1], values[2]}; }
+
+Mat3 Orientation(const mjtNum* values) {
+  Mat3 R;
+  std::copy(values, values + 9, R.begin());
+  return R;
+}
+
+// Whether the body lies square in its parent and has slide joints along x, y, z, and after them a ball or nothing.
+bool SlidesAlongAxes(const mjModel* m, int body) {
+  const int joints = m->body_jntnum[body];
+  if (joints < 3 || joints > 4 || m->body_quat[4 * body] != 1) return false;
+  if (joints == 4 && m->jnt_type[m->body_jntadr[body] + 3] != mjJNT_BALL) return false;
+  for (int r = 0; r < 3; r++) {
+    const int joint = m->body_jntadr[body] + r;
+    if (m->jnt_type[joint] != mjJNT_SLIDE || m->jnt_axis[3 * joint + r] != 1) return false;
+  }
+  return true;
+}
+
+// Σ += block where `block` = scale K + mass I, seen from the twists of the two nodes.
+template <int N>
+void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed, double* sum) {
+  if constexpr (N == 3) {
+    for (int e = 0; e < 9; e++) sum[e] += transposed ? block[3 * (e % 3) + e / 3] : block[e];
+  } else {
+    const Mat3 right = Mul(block, Skew(-1.0 * xk));  // X_k = [I, −[x_k]×]
+    const Mat3 left = Skew(xj);
+    const Mat3 quarter[4] = {block, right, Mul(left, block), Mul(left, right)};
+    for (int row = 0; row < 6; row++) {
+      for (int column = 0; column < 6; column++) {
+        const double value = quarter[2 * (row / 3) + column / 3][3 * (row % 3) + column % 3];
+        sum[transposed ? 6 * column + row : 6 * row + column] += value;
+      }
+    }
+  }
+}
+
+}  // namespace
+
+void Kinematics::Create(const mjModel* m, int instance, Reader* reader) {
+  FindPoints(m, instance, reader);
+  if (!reader->ok()) return;
+  FindNodes(m, instance);
+  pair_of_.assign(points_.size() * points_.size(), -1);
+  x_.resize(points_.size());
+  v_.resize(points_.size());
+}
+
+void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
+  const auto rest = reader->Array<double>("point_rest");
+  const auto mass = reader->Array<double>("point_mass");
+  const auto carried = reader->Array<int32_t>("carrier_size");
+  const auto order = reader->Array<int32_t>("carrier_point");
+  const size_t count = order.size();
+  const auto local = reader->ArrayOr<double>("point_offset", 0, 3 * count);
+  const auto branch = reader->ArrayOr<int32_t>("point_branch", 0, count);
+  if (!reader->Check(count >= 2 && rest.size() == 3 * count && mass.size() == count,
+                     "its arrays of control points do not match each other")) {
+    return;
+  }
+  points_.assign(count, ControlPoint{-1, -1, 0, false, false, {}, {}, 0});
+  size_t carrier = 0, next = 0;
+  for (int body = 1; body < m->nbody; body++) {
+    if (m->body_plugin[body] != instance) continue;
+    if (!reader->Check(carrier < carried.size() && carried[carrier] > 0 && carried[carrier] <= kMaxCarried &&
+                           next + carried[carrier] <= count,
+                       "it has more bodies than control points")) {
+      return;
+    }
+    if (!reader->Check(m->body_jntnum[body] == 0 || SlidesAlongAxes(m, body),
+                       "each of its bodies has to have slide joints along x, y, z, with or without a ball, or none")) {
+      return;
+    }
+    double total = 0;
+    for (int i = 0; i < carried[carrier]; i++) {
+      const int32_t j = order[next++];
+      if (!reader->Check(j >= 0 && j < static_cast<int>(count) && points_[j].body < 0,
+                         "its bodies do not match its control points: attach or copy the soft body as a whole")) {
+        return;
+      }
+      const Vec3 at = Position(local.data() + 3 * j);
+      points_[j] = {body, -1, branch[j], false, Dot(at, at) > 0, at, Position(rest.data() + 3 * j), mass[j]};
+      total += mass[j];
+    }
+    if (!reader->Check(std::abs(total - m->body_mass[body]) <= kSameMass * total,
+                       "its bodies do not match its control points: attach or copy the soft body as a whole")) {
+      return;
+    }
+    carrier++;
+  }
+  reader->Check(next == count && carrier == carried.size(),
+                "its bodies do not match its control points: attach or copy the soft body as a whole");
+}
+
+void Kinematics::FindNodes(const mjModel* m, int instance) {
+  std::vector<int> moved(m->nbody, 0);  // points at and below each body
+  for (const ControlPoint& point : points_) {
+    for (int body = point.body; body > 0; body = m->body_parentid[body]) moved[body]++;
+  }
+  int root = m->nbody;  // the outermost body of the soft body's own
+  for (const ControlPoint& point : points_) {
+    if (m->body_jntnum[point.body] > 0) root = std::min(root, point.body);
+  }
+  if (root < m->nbody) holder_ = m->body_parentid[root];
+  std::vector<int> node_of(m->nbody, -1);
+  int twists = 0, pairs = 0;
+  for (int body = 1; body < m->nbody; body++) {
+    if (moved[body] == 0) continue;
+    const int above = node_of[m->body_parentid[body]];
+    node_of[body] = above;
+    const bool own = m->body_plugin[body] == instance;
+    if (m->body_dofnum[body] == 0 || (!own && moved[body] == static_cast<int>(points_.size()))) continue;
+    const Node node = {
+        body,  above, above < 0 ? 0 : nodes_[above].depth + 1, m->body_dofadr[body], m->body_dofnum[body], twists,
+        pairs, 0};
+    turning_ = turning_ || !own || node.dofs > 3 || (above < 0 && m->body_parentid[body] != holder_) ||
+               (above >= 0 && m->body_parentid[body] != nodes_[above].body);
+    twists += node.dofs;
+    pairs += node.depth + 1;
+    node_of[body] = static_cast<int>(nodes_.size());
+    nodes_.push_back(node);
+  }
+  for (ControlPoint& point : points_) {
+    point.node = node_of[point.body];
+    turning_ = turning_ || (point.node >= 0 && point.offset);
+    point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
+  }
+  slide_.resize(nodes_.size());
+  twist_.assign(6 * twists, 0.0);
+  motion_.resize(6 * nodes_.size());
+}
+
+bool Kinematics::IsAbove(int upper, int lower) const {
+  while (lower >= 0 && nodes_[lower].depth > nodes_[upper].depth) lower = nodes_[lower].parent;
+  return lower == upper;
+}
+
+bool Kinematics::Couple(int j, int k, int* pair) {
+  int& known = pair_of_[std::max(j, k) * points_.size() + std::min(j, k)];
+  if (known < 0) {
+    const int nj = points_[j].node, nk = points_[k].node;
+    PointPair added = {j, k, -1, false};
+    if (nj >= 0 && nk >= 0 && points_[j].branch == points_[k].branch) {
+      added.flip = nodes_[nk].depth > nodes_[nj].depth;
+      const int deeper = added.flip ? nk : nj, upper = added.flip ? nj : nk;
+      if (!IsAbove(upper, deeper)) return false;
+      added.sum = nodes_[deeper].pair + nodes_[upper].depth;
+    }
+    known = static_cast<int>(pairs_.size());
+    pairs_.push_back(added);
+  }
+  *pair = known;
+  return true;
+}
+
+void Kinematics::Finish(const mjModel* m, Reader* reader) {
+  for (Node& node : nodes_) {
+    node.entry = static_cast<int>(entry_.size());
+    for (int a = node.dof; a < node.dof + node.dofs; a++) {
+      const int* begin = m->M_colind + m->M_rowadr[a];
+      const int* end = begin + m->M_rownnz[a];
+      std::vector<int> path;  // nodes from the outermost to this one
+      for (int n = static_cast<int>(&node - nodes_.data()); n >= 0; n = nodes_[n].parent) path.push_back(n);
+      for (auto n = path.rbegin(); n != path.rend(); ++n) {
+        const int last = *n == path.front() ? a + 1 : nodes_[*n].dof + nodes_[*n].dofs;
+        for (int b = nodes_[*n].dof; b < last; b++) {
+          const int* found = std::find(begin, end, b);
+          if (!reader->Check(found != end, "its bodies are not nested in the order they were written in")) return;
+          entry_.push_back(static_cast<int>(found - m->M_colind));
+        }
+      }
+    }
+  }
+  std::vector<int>().swap(pair_of_);
+  const size_t size = turning_ ? 36 : 9;
+  sum_.resize(nodes_.empty() ? 0 : size * (nodes_.back().pair + nodes_.back().depth + 1));
+}
+
+Vec3 Kinematics::WorldPosition(const mjData* d, int j) const {
+  const ControlPoint& point = points_[j];
+  const Vec3 origin = Position(d->xpos + 3 * point.body);
+  return point.offset ? origin + Mul(Orientation(d->xmat + 9 * point.body), point.local) : origin;
+}
+
+Vec3 Kinematics::PositionToLocal(const mjData* d, const Vec3& position) const {
+  return ToLocal(d, position - Position(d->xpos + 3 * holder_));
+}
+
+Mat3 Kinematics::Axes(const mjData* d) const { return Orientation(d->xmat + 9 * holder_); }
+
+void Kinematics::Gather(const mjModel* m, const mjData* d) {
+  const Vec3 origin = Position(d->xpos + 3 * holder_);
+  const Mat3 axes = Axes(d);
+  for (size_t j = 0; j < points_.size(); j++) {
+    const ControlPoint& point = points_[j];
+    if (point.still) {
+      x_[j] = point.rest;
+    } else if (turning_ || point.node < 0) {
+      x_[j] = MulT(axes, WorldPosition(d, static_cast<int>(j)) - origin);
+    } else {  // from the slides themselves: rounding of world coordinates would strain a stiff body at rest
+      const Node& node = nodes_[point.node];
+      const int q = m->jnt_qposadr[m->body_jntadr[node.body]];
+      slide_[point.node] = Position(d->qpos + q) - Position(m->qpos0 + q);
+      if (node.parent >= 0) slide_[point.node] = slide_[point.node] + slide_[node.parent];
+      x_[j] = point.rest + slide_[point.node];
+    }
+  }
+  for (size_t n = 0; n < nodes_.size(); n++) {
+    const Node& node = nodes_[n];
+    double* motion = motion_.data() + 6 * n;
+    if (node.parent >= 0) {
+      std::copy_n(motion_.data() + 6 * node.parent, 6, motion);
+    } else {
+      std::fill_n(motion, 6, 0.0);
+    }
+    if (!turning_) {
+      for (int r = 0; r < 3; r++) motion[r] += d->qvel[node.dof + r];
+      continue;
+    }
+    const Vec3 arm = origin - Position(d->subtree_com + 3 * m->body_rootid[node.body]);
+    for (int a = 0; a < node.dofs; a++) {
+      const mjtNum* cdof = d->cdof + 6 * (node.dof + a);  // rotation, then translation at the root's centre of mass
+      const Vec3 rotation = Position(cdof);
+      const Vec3 local[2] = {MulT(axes, Position(cdof + 3) + Cross(rotation, arm)), MulT(axes, rotation)};
+      double* twist = twist_.data() + 6 * (node.twist + a);
+      for (int r = 0; r < 6; r++) {
+        twist[r] = local[r / 3][r % 3];
+        motion[r] += twist[r] * d->qvel[node.dof + a];
+      }
+    }
+  }
+  for (size_t j = 0; j < points_.size(); j++) {
+    v_[j] = {};
+    if (points_[j].node < 0) continue;
+    const double* motion = motion_.data() + 6 * points_[j].node;
+    v_[j] = Position(motion);
+    if (turning_) v_[j] = v_[j] + Cross(Position(motion + 3), x_[j]);
+  }
+}
+
+void Kinematics::StoreForce(const std::vector<Vec3>& force, mjData* d) {
+  turning_ ? StoreForceOf<6>(force, d) : StoreForceOf<3>(force, d);
+}
+
+template <int N>
+void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
+  std::fill(motion_.begin(), motion_.end(), 0.0);
+  for (size_t j = 0; j < points_.size(); j++) {
+    if (points_[j].node < 0) continue;
+    double* wrench = motion_.data() + 6 * points_[j].node;
+    for (int r = 0; r < 3; r++) wrench[r] += force[j][r];
+    if constexpr (N == 6) {
+      const Vec3 torque = Cross(x_[j], force[j]);
+      for (int r = 0; r < 3; r++) wrench[3 + r] += torque[r];
+    }
+  }
+  for (size_t n = nodes_.size(); n-- > 0;) {
+    const Node& node = nodes_[n];
+    const double* wrench = motion_.data() + 6 * n;
+    for (int a = 0; a < node.dofs; a++) {
+      if constexpr (N == 3) {
+        d->qfrc_passive[node.dof + a] += wrench[a];
+      } else {
+        const double* twist = twist_.data() + 6 * (node.twist + a);
+        for (int r = 0; r < 6; r++) d->qfrc_passive[node.dof + a] += twist[r] * wrench[r];
+      }
+    }
+    if (node.parent < 0) continue;
+    double* into = motion_.data() + 6 * node.parent;
+    for (int r = 0; r < N; r++) into[r] += wrench[r];
+  }
+}
+
+void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
+  turning_ ? StoreInertiaOf<6>(stiffness, stiffness_scale, mass, d)
+           : StoreInertiaOf<3>(stiffness, stiffness_scale, mass, d);
+}
+
+template <int N>
+void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
+  constexpr int kSize = N * N;
+  std::fill(sum_.begin(), sum_.end(), 0.0);
+  for (size_t i = 0; i < pairs_.size(); i++) {
+    const PointPair& pair = pairs_[i];
+    if (pair.sum < 0) continue;
+    Mat3 block;
+    for (int e = 0; e < 9; e++) block[e] = stiffness_scale * stiffness[9 * i + e];
+    for (int r = 0; r < 3; r++) block[4 * r] += mass[i];
+    double* sum = sum_.data() + kSize * static_cast<size_t>(pair.sum);
+    AddBlock<N>(block, x_[pair.j], x_[pair.k], pair.flip, sum);
+    if (pair.j != pair.k && points_[pair.j].node == points_[pair.k].node) {
+      AddBlock<N>(block, x_[pair.j], x_[pair.k], true, sum);
+    }
+  }
+  // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
+  for (size_t n = nodes_.size(); n-- > 1;) {
+    const Node& node = nodes_[n];
+    if (node.parent < 0) continue;
+    const Node& parent = nodes_[node.parent];
+    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
+    double* into = sum_.data() + kSize * static_cast<size_t>(parent.pair);
+    for (int e = 0; e < kSize * parent.depth; e++) into[e] += row[e];
+    const double* cross = row + kSize * parent.depth;
+    const double* own = row + kSize * node.depth;
+    double* parent_own = into + kSize * parent.depth;
+    for (int e = 0; e < kSize; e++) parent_own[e] += own[e] + cross[e] + cross[N * (e % N) + e / N];
+  }
+  // columns: along each path, from the node up to the outermost one
+  for (const Node& node : nodes_) {
+    double total[kSize] = {};
+    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
+    int columns = 0;  // of the path above and of this node
+    for (int n = static_cast<int>(&node - nodes_.data()); n >= 0; n = nodes_[n].parent) columns += nodes_[n].dofs;
+    const int above = columns - node.dofs;
+    int n = static_cast<int>(&node - nodes_.data()), first = above;
+    for (int depth = node.depth; depth >= 0; depth--, n = nodes_[n].parent) {
+      const Node& upper = nodes_[n];
+      for (int e = 0; e < kSize; e++) total[e] += row[kSize * depth + e];
+      const int* entry = entry_.data() + node.entry + first;
+      for (int a = 0; a < node.dofs; a++) {
+        const int count = depth == node.depth ? a + 1 : upper.dofs;
+        double value[6];
+        if constexpr (N == 3) {
+          for (int b = 0; b < count; b++) value[b] = total[3 * a + b];
+        } else {
+          const double* Sa = twist_.data() + 6 * (node.twist + a);
+          double left[6] = {};
+          for (int r = 0; r < 6; r++) {
+            for (int c = 0; c < 6; c++) left[c] += Sa[r] * total[6 * r + c];
+          }
+          for (int b = 0; b < count; b++) {
+            const double* Sb = twist_.data() + 6 * (upper.twist + b);
+            value[b] = 0;
+            for (int c = 0; c < 6; c++) value[b] += left[c] * Sb[c];
+          }
+        }
+        for (int b = 0; b < count; b++) d->M[entry[b]] += value[b];
+        entry += above + a + 1;  // the next row of this node
+      }
+      if (upper.parent >= 0) first -= nodes_[upper.parent].dofs;
+    }
+  }
+}
+
+void Kinematics::PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,
+                             std::vector<Share>* shares) const {
+  Vec3 lever = position;
+  for (size_t i = 0; i < point.size(); i++) lever = lever - omega[i] * x_[point[i]];
+  std::fill(shares->begin(), shares->end(), Share{});
+  for (size_t i = 0; i < point.size(); i++) {
+    const int n = points_[point[i]].node;
+    if (n < 0) continue;
+    Share& share = (*shares)[n];
+    share.weight += omega[i];
+    share.moment = share.moment + omega[i] * (x_[point[i]] + lever);
+  }
+  for (size_t n = nodes_.size(); n-- > 0;) {
+    if (nodes_[n].parent < 0) continue;
+    Share& into = (*shares)[nodes_[n].parent];
+    into.weight += (*shares)[n].weight;
+    into.moment = into.moment + (*shares)[n].moment;
+  }
+}
+
+bool Kinematics::IsHeldBy(const mjModel* m, int body) const {
+  for (const ControlPoint& point : points_) {
+    if (m->body_jntnum[point.body] > 0) continue;
+    // a piece held by the body that the soft body was attached to hangs in the holder, which is in that body
+    const int outer = m->body_parentid[point.body];
+    if (body == outer || (outer == holder_ && body == m->body_parentid[holder_])) return body > 0;
+  }
+  return false;
+}
+
+double Kinematics::RowEntry(const Share& share, const Vec3& direction, int n, int a) const {
+  if (!turning_) return share.weight * direction[a];
+  const double* twist = twist_.data() + 6 * (nodes_[n].twist + a);
+  return share.weight * Dot(Position(twist), direction) + Dot(Position(twist + 3), Cross(share.moment, direction));
+}
+
+int Kinematics::NodeOfDof(int dof) const {
+  // nodes are in the order of their bodies, and so of their degrees of freedom
+  const auto after =
+      std::upper_bound(nodes_.begin(), nodes_.end(), dof, [](int value, const Node& node) { return value < node.dof; });
+  if (after == nodes_.begin()) return -1;
+  const Node& node = *(after - 1);
+  return dof < node.dof + node.dofs ? static_cast<int>(&node - nodes_.data()) : -1;
+}
+
+}  // namespace mjframes

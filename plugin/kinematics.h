@@ -1,0 +1,145 @@
+// Where the control points are, and how MuJoCo's degrees of freedom move them (J in x_j' = J_j qvel).
+//
+// A control point is a point fixed on a body: on one of its own with three slide joints, on the body of a rigid frame,
+// on a link of a robot, on the world. A node is a body with joints that moves some of the points and not all: what
+// moves all of them strains nothing. With the twist S_a of degree of freedom a and X_j = [I, −[x_j]×]
+//
+//   v_j = X_j Σ_a S_a qvel_a        over the nodes at and above j
+//   Jᵀf at a = S_aᵀ Σ_j X_jᵀ f_j     over the points at and below a's node
+//   JᵀKJ at (a, b) = S_aᵀ (Σ_jk X_jᵀ K_jk X_k) S_b
+//
+// summed over subtrees from the leaves up. Where all nodes are slides along the axes, twists are translations, X = I
+// and the blocks 3 × 3; else they are 6 × 6. Everything is in the soft body's own axes, those of the body that its
+// outermost nodes hang on, seen from there [SI].
+// Index letters: j, k control point; n node; a, b degree of freedom.
+
+#ifndef MJFRAMES_PLUGIN_KINEMATICS_H_
+#define MJFRAMES_PLUGIN_KINEMATICS_H_
+
+#include <mujoco/mujoco.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "linear.h"
+#include "reader.h"
+
+namespace mjframes {
+
+inline constexpr int kMaxCarried = 10;  // points on one body: those of a quadratic frame
+
+struct ControlPoint {
+  int body;     // MuJoCo body that it is fixed on
+  int node;     // the closest node at or above that body, −1 for none
+  int branch;   // points of different branches are coupled by their forces only (see PointPair)
+  bool still;   // whether it never moves in the soft body's axes
+  bool offset;  // whether it is elsewhere than at the body's origin
+  Vec3 local;   // in the body's axes [m]
+  Vec3 rest;    // x̄_j [m]
+  double mass;  // [kg]
+};
+
+struct Node {
+  int body;    // MuJoCo body
+  int parent;  // node, −1 for none
+  int depth;   // number of nodes above
+  int dof;     // its degrees of freedom start here …
+  int dofs;    // … and are so many
+  int twist;   // their twists start here
+  int pair;    // its pairs with the nodes at depth 0, 1, … start here; the last is with itself
+  int entry;   // the addresses in d->M of its rows start here: dof by dof, column by column
+};
+
+// Two coupled control points, or one with itself.
+struct PointPair {
+  int j, k;
+  int sum;    // node pair that its stiffness goes to, −1 where d->M cannot hold it or neither moves
+  bool flip;  // whether k is the deeper of the two
+};
+
+// What a contact's point is made of at and below a node: Σ ω_j and Σ ω_j x_j.
+struct Share {
+  double weight;
+  Vec3 moment;
+};
+
+class Kinematics {
+ public:
+  // Finds the instance's points among the bodies. What is wrong is told to `reader`.
+  void Create(const mjModel* m, int instance, Reader* reader);
+
+  // The pair of points j and k, a new one if need be. False where the two are on one branch but not on one path.
+  bool Couple(int j, int k, int* pair);
+
+  // After all couplings: memory, and the places of the nodes in d->M. What is wrong is told to `reader`.
+  void Finish(const mjModel* m, Reader* reader);
+
+  // x, v of this step.
+  void Gather(const mjModel* m, const mjData* d);
+
+  // qfrc_passive += Jᵀ f; force: one a point.
+  void StoreForce(const std::vector<Vec3>& force, mjData* d);
+
+  // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I. stiffness: 3×3 row-major block a pair; mass: one a
+  // pair.
+  void StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
+
+  // Where control point j is in the world; needs d alone, so that several threads may ask.
+  Vec3 WorldPosition(const mjData* d, int j) const;
+
+  // Replaces the shares (one a node) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft body's
+  // axes): a lever that turns with the bodies.
+  void PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,
+                   std::vector<Share>* shares) const;
+
+  // Velocity of that point along `direction` (soft body's axes) for a unit rate of degree of freedom a of node n.
+  double RowEntry(const Share& share, const Vec3& direction, int n, int a) const;
+
+  // The node that has degree of freedom `dof`, −1 for none.
+  int NodeOfDof(int dof) const;
+
+  // Whether a piece of the soft body is fixed to this body of the scene.
+  bool IsHeldBy(const mjModel* m, int body) const;
+
+  // The soft body's axes in the world, a world direction and a world position in them.
+  Mat3 Axes(const mjData* d) const;
+  Vec3 PositionToLocal(const mjData* d, const Vec3& position) const;
+  Vec3 ToLocal(const mjData* d, const Vec3& direction) const { return MulT(Axes(d), direction); }
+
+  // Whether nodes are more than slides along the soft body's axes.
+  bool turning() const { return turning_; }
+
+  const std::vector<ControlPoint>& points() const { return points_; }
+  const std::vector<Node>& nodes() const { return nodes_; }
+  const std::vector<PointPair>& pairs() const { return pairs_; }
+  const std::vector<Vec3>& x() const { return x_; }
+  const std::vector<Vec3>& v() const { return v_; }
+
+ private:
+  void FindPoints(const mjModel* m, int instance, Reader* reader);
+  void FindNodes(const mjModel* m, int instance);
+  bool IsAbove(int upper, int lower) const;
+  template <int N>
+  void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
+  template <int N>
+  void StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
+
+  int holder_ = 0;  // body whose axes are the soft body's
+  bool turning_ = false;
+  std::vector<ControlPoint> points_;
+  std::vector<Node> nodes_;  // ancestors first
+  std::vector<PointPair> pairs_;
+  std::vector<int> pair_of_;  // (k × k) until Finish
+  std::vector<int> entry_;    // addresses in d->M
+
+  // of this step
+  std::vector<Vec3> x_, v_;     // of the points
+  std::vector<Vec3> slide_;     // of the nodes, where they only slide
+  std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
+  std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)
+  std::vector<double> sum_;     // Σ XᵀBX of the node pairs                   (N × N a pair)
+};
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_KINEMATICS_H_

@@ -1,0 +1,65 @@
+// Hyperelastic laws on quadrature points: a region's energy is Σ_q V_q ψ(F_q), F_q = Σ_j x_j ∇W_j(q)ᵀ, so that
+//
+//   f_j = −Σ_q V_q P ∇W_j,   K_jk = Σ_q V_q ∇W_jᵀ (∂P/∂F) ∇W_k
+//
+// with ∂P/∂F projected, hence K positive semi-definite (the paper, equations (9) and (10); design: f, K of §6).
+// Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
+
+#ifndef MJFRAMES_PLUGIN_QUADRATURE_H_
+#define MJFRAMES_PLUGIN_QUADRATURE_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "laws/laws.h"
+#include "linear.h"
+
+namespace mjframes {
+
+// One region: m control points, q quadrature points. Points are padded to multiples of four, which add nothing.
+struct QuadratureRegion {
+  // gradient: ∇W_j (q × m × 3) [1/m].  volume: (q) [m³].  material: (q).  pair: as in Region (corotational.h).
+  QuadratureRegion(Law law, std::vector<int32_t> point, const double* gradient, const double* volume,
+                   const LawParameters* material, int q, std::vector<int32_t> pair);
+
+  Law law;
+  int quadrature_points;                // q
+  std::vector<int32_t> point;           // control points, ancestors first                        (m)
+  std::vector<double> by_point;         // ∇W_j, four quadrature points side by side             (q/4 × m × 3 × 4)
+  std::vector<double> by_quadrature;    // ∇W_j again, all control points side by side           (q × 3 × m)
+  std::vector<double> volume;           // V_q [m³]                                              (q)
+  std::vector<LawParameters> material;  //                                                       (q)
+  std::vector<int32_t> pair;            // global pair of each block (j, k ≤ j), −1 for none     (m(m+1)/2)
+
+  int size() const { return static_cast<int>(point.size()); }
+};
+
+// Scratch memory for the largest region of a body; allocated once.
+struct QuadratureScratch {
+  explicit QuadratureScratch(const std::vector<QuadratureRegion>& regions);
+  std::vector<Vec3> x;           // positions, centred                                           (m)
+  std::vector<double> force;     // by component                                                 (3 × m)
+  std::vector<double> products;  // V_q (∂P/∂F) ∇W_k                                             (q × 27 × m)
+};
+
+// At one quadrature point.
+struct PointState {
+  Mat3 F;         // deformation gradient [-]
+  Mat3 cauchy;    // P Fᵀ / J [Pa]; |J| counts as 1e-6 where it is less
+  double energy;  // density [J/m³]
+};
+
+// Adds the region's elastic force to `force` and, where `pair_stiffness` is given, its stiffness, one row-major
+// 3×3 block a pair of control points (deeper, shallower), to it. x: all control points of the body [m].
+void AddQuadratureRegion(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
+                         double* pair_stiffness);
+
+// Σ_q V_q ψ [J], 0 at rest.
+double QuadratureEnergy(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch);
+
+// The state of each quadrature point (q).
+void QuadratureStates(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch, PointState* states);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_QUADRATURE_H_

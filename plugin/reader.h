@@ -1,0 +1,78 @@
+// Reads the configuration of one plugin instance; the first failure is kept as a sentence.
+
+#ifndef MJFRAMES_PLUGIN_READER_H_
+#define MJFRAMES_PLUGIN_READER_H_
+
+#include <mujoco/mujoco.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "config.h"
+
+namespace mjframes {
+
+class Reader {
+ public:
+  Reader(const mjModel* m, int instance) : model_(m), instance_(instance) {}
+
+  // The value of a key, "" where there is none.
+  const char* Text(const char* key) const {
+    const char* value = mj_getPluginConfig(model_, instance_, key);
+    return value ? value : "";
+  }
+
+  bool Has(const char* key) const { return *Text(key) != '\0'; }
+
+  double Number(const char* key) {
+    const char* text = Text(key);
+    char* end = nullptr;
+    const double value = std::strtod(text, &end);
+    if (end == text || *end != '\0' || !std::isfinite(value) || value < 0) {
+      Fail(std::string(key) + " is '" + text + "' but has to be a number ≥ 0");
+      return 0;
+    }
+    return value;
+  }
+
+  template <typename T>
+  std::vector<T> Array(const char* key) {
+    std::vector<T> out;
+    std::string error;
+    if (!DecodeArray(Text(key), &out, &error)) Fail(std::string(key) + " " + error);
+    return out;
+  }
+
+  // An array that may be left out: then `count` times `value`. Another count than that is a failure.
+  template <typename T>
+  std::vector<T> ArrayOr(const char* key, T value, size_t count) {
+    if (!Has(key)) return std::vector<T>(count, value);
+    std::vector<T> out = Array<T>(key);
+    if (out.size() != count) Fail(std::string(key) + " has another number of values than what it belongs to");
+    out.resize(count, value);
+    return out;
+  }
+
+  void Fail(const std::string& what) {
+    if (error_.empty()) error_ = what;
+  }
+
+  bool Check(bool good, const char* what) {
+    if (!good) Fail(what);
+    return error_.empty();
+  }
+
+  bool ok() const { return error_.empty(); }
+  const std::string& error() const { return error_; }
+
+ private:
+  const mjModel* model_;
+  int instance_;
+  std::string error_;
+};
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_READER_H_

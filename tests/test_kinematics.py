@@ -1,0 +1,223 @@
+"""Control points on any body: forces and inertia are Jᵀ f and Jᵀ K J, for every frame type and what holds it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled, dense_inertia, implicit_step, jumble, point_jacobian, point_mass, rigid_inertia
+
+import mjframes as mf
+from mjframes.body import SoftBody
+from mjframes.mjcf import BranchWarning
+from mjframes.view import soft
+
+SHAPE = (24, 6, 6)
+SPACING = 0.01
+SOFT = {1: mf.Material(young=5e4, poisson=0.35, density=1000), 2: mf.Material(young=5e5, poisson=0.3, density=1200)}
+
+# an upper arm and a forearm along x, an elbow between them, and a third link and a mocap body beside them
+ARM = """<mujoco><option gravity="0 0 0"/><worldbody>
+<body name="upper" pos="0 .03 .03"><joint name="shoulder" type="ball"/><geom size=".01" mass="0.3"/>
+  <body name="lower" pos=".12 0 0" euler="0 0 10"><joint name="elbow" axis="0 1 .2"/><geom size=".01" mass="0.2"/>
+  </body></body>
+<body name="other" pos=".2 .03 0"><joint name="slider" type="slide" axis="1 0 0"/><joint name="wrist" axis="0 1 0"/>
+  <geom size=".01" mass="0.1"/></body>
+<body name="mocap" mocap="true" pos=".2 0 0"/>
+</worldbody></mujoco>"""
+
+
+def ends(first: bool, layers: int = 3) -> np.ndarray:
+    mask = np.zeros(SHAPE, bool)
+    mask[slice(0, layers) if first else slice(-layers, None)] = True
+    return mask
+
+
+@cache
+def bar() -> mf.Volume:
+    labels = np.ones(SHAPE, int)
+    labels[:, 3:] = 2
+    return mf.Volume.from_labels(labels, SPACING, SOFT)
+
+
+@cache
+def body(types: str | tuple[str, ...], links: tuple[str, ...] = ()) -> SoftBody:
+    attached = [mf.Attached(link, ends(n == 0)) for n, link in enumerate(links) if link]
+    fixed = [mf.Fixed(ends(n == 0)) for n, link in enumerate(links) if not link]
+    frames = 4 if isinstance(types, str) else len(types)
+    return mf.build(bar(), frames, 8, frame_type=types, attached=attached, fixed=fixed, damping=(0.5, 0.002))
+
+
+MIXED = ("point", "rigid", "affine", "quadratic")
+CASES: dict[str, tuple[str | tuple[str, ...], tuple[str, ...], str]] = {
+    "point": ("point", (), "world"),
+    "rigid": ("rigid", (), "world"),
+    "affine": ("affine", (), "world"),
+    "quadratic": ("quadratic", (), "world"),
+    "all types": (MIXED, (), "world"),
+    "all types on a moving link": (MIXED, (), "lower"),
+    "rigid, fixed end": ("rigid", ("",), "world"),
+    "two links of one branch": ("affine", ("upper", "lower"), "world"),
+    "all types, two links of one branch": (MIXED, ("upper", "lower"), "upper"),
+    "mocap body": ("affine", ("mocap",), "world"),
+    "mocap body and a link": (MIXED, ("mocap", "lower"), "world"),
+}
+
+
+def scene(case: str, **options: object) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    types, links, parent = CASES[case]
+    pos = (0.0, 0.0, 0.0) if parent == "world" else (0.01, -0.03, -0.03)
+    return compiled(ARM, (body(types, links), pos, (1, 0, 0, 0)), parent=parent, contact=False, **options)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_rest_is_free_of_force(case: str) -> None:
+    model, data = scene(case)
+    mujoco.mj_forward(model, data)
+    rest = soft(model, data, "soft0").rest
+    firmness = np.abs(implicit_step(model, data)[1]).max() / model.opt.timestep**2
+    assert np.abs(data.qfrc_passive).max() < 1e-12 * firmness * np.ptp(rest)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_force_and_inertia_are_those_of_the_implicit_step(case: str) -> None:
+    model, data = scene(case)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        jumble(model, data, rng, 0.02, 0.4)
+        data.qvel[:] = rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        passive, added = implicit_step(model, data)
+        np.testing.assert_allclose(data.qfrc_passive, passive, atol=1e-10 * np.abs(passive).max())
+        expected = rigid_inertia(model, data) + added
+        np.testing.assert_allclose(dense_inertia(model, data), expected, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_force_is_the_slope_of_the_energy(case: str) -> None:
+    model, data = scene(case)
+    view = soft(model, data, "soft0")
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        jumble(model, data, rng, 0.02, 0.4)
+        force, start = data.qfrc_passive.copy(), data.qpos.copy()
+        direction, energy = rng.normal(size=model.nv), []
+        for step in (1e-6, -1e-6):
+            data.qpos[:] = start
+            mujoco.mj_integratePos(model, data.qpos, direction, step)
+            mujoco.mj_forward(model, data)
+            energy.append(view.elastic_energy)
+        assert (energy[0] - energy[1]) / 2e-6 == pytest.approx(-force @ direction, rel=1e-6)
+
+
+@pytest.mark.parametrize("case", ["all types", "two links of one branch", "all types, two links of one branch"])
+def test_kinetic_energy_is_that_of_the_masses(case: str) -> None:
+    model, data = scene(case)
+    view = soft(model, data, "soft0")
+    jumble(model, data, np.random.default_rng(2), 0.02, 0.4)
+    own = np.isin(model.dof_bodyid, view.bodies)
+    data.qvel[own] = np.random.default_rng(3).normal(size=own.sum())
+    mujoco.mj_forward(model, data)
+    # MuJoCo's own inertia is that of the point masses: a rigid frame's body has the same moments
+    assert view.kinetic_energy == pytest.approx(0.5 * data.qvel @ rigid_inertia(model, data) @ data.qvel, rel=1e-4)
+    assert view.kinetic_energy == pytest.approx(0.5 * data.qvel @ point_mass(model, data, view) @ data.qvel, rel=1e-9)
+
+
+def test_degrees_of_freedom() -> None:
+    counts = {name: scene(name)[0].nv - 6 for name in ("point", "rigid", "affine", "quadratic", "all types")}
+    assert counts == {"point": 12, "rigid": 24, "affine": 48, "quadratic": 120, "all types": 51}
+
+
+def test_links_of_several_branches_are_held_enlarged() -> None:
+    with pytest.warns(BranchWarning, match=r"soft0: \d of \d regions couple 'other' to other branches"):
+        model, data = compiled(ARM, (body("affine", ("lower", "other")), (0, 0, 0), (1, 0, 0, 0)), contact=False)
+    view = soft(model, data, "soft0")
+    rng = np.random.default_rng(4)
+    jumble(model, data, rng, 0.02, 0.4)
+    data.qvel[:] = rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    passive, added = implicit_step(model, data)
+    np.testing.assert_allclose(data.qfrc_passive, passive, atol=1e-10 * np.abs(passive).max())  # exact
+    held = dense_inertia(model, data) - rigid_inertia(model, data)
+    slack = np.linalg.eigvalsh(held - 0.75 * added)  # stable while K ⪯ 4/3 of what is held
+    assert slack[0] > -1e-6 * slack[-1]
+    jacobian = point_jacobian(model, data, view)
+    assert np.linalg.matrix_rank(jacobian[:, :6]) > 3  # the arm and the other link both move points
+
+
+def test_several_branches_come_to_rest() -> None:
+    with pytest.warns(BranchWarning):
+        stiff = compiled(
+            ARM, (body("affine", ("lower", "other")), (0, 0, 0), (1, 0, 0, 0)), contact=False, timestep=0.005
+        )
+    model, data = stiff
+    model.dof_damping[:6] = 0.05
+    jumble(model, data, np.random.default_rng(5), 0.01, 0.2)
+    view = soft(model, data, "soft0")
+    start = view.elastic_energy
+    for _ in range(4000):
+        mujoco.mj_step(model, data)
+    assert view.elastic_energy < 1e-6 * start
+    assert np.abs(data.qvel).max() < 1e-3
+
+
+@pytest.mark.parametrize("case", ["all types", "all types, two links of one branch"])
+def test_saved_and_loaded_it_steps_alike(case: str) -> None:
+    types, links, parent = CASES[case]
+    spec = mujoco.MjSpec.from_string(ARM.replace("0 0 10", "0 0 0").replace("0 1 .2", "0 1 0"))  # of six digits
+    mf.attach(spec.body(parent), body(types, links), "soft", contact=False, spec=spec)
+    model = spec.compile()
+    again = mujoco.MjModel.from_xml_string(spec.to_xml())
+    states = []
+    for some in (model, again):
+        data = mujoco.MjData(some)
+        data.qvel[:] = np.random.default_rng(6).normal(size=some.nv)
+        mujoco.mj_step(some, data, 100)
+        states.append(data.qpos.copy())
+    np.testing.assert_array_equal(*states)
+
+
+def test_a_link_that_is_missing_is_named() -> None:
+    spec = mujoco.MjSpec.from_string(ARM)
+    with pytest.raises(
+        mf.MjframesError, match=r"attached names the body 'foot', but the scene's bodies are: 'world', "
+    ):
+        mf.attach(spec.worldbody, body("affine", ("foot",)), "soft", spec=spec)
+    with pytest.raises(mf.MjframesError, match=r"spec is missing: the soft body is attached to 'foot' of the scene"):
+        mf.attach(spec.worldbody, body("affine", ("foot",)), "soft")
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_consistent_mass_is_what_the_step_sees(mass: str) -> None:
+    made = mf.build(bar(), 3, 6, mass=mass, damping=(0.5, 0.0))
+    model, data = compiled(ARM, (made, (0, 0, 0), (1, 0, 0, 0)), contact=False)
+    view = soft(model, data, "soft0")
+    mujoco.mj_forward(model, data)
+    _, added = implicit_step(model, data)
+    if mass == "consistent":
+        jacobian = point_jacobian(model, data, view)
+        added = added + point_mass(model, data, view) - jacobian.T @ (np.repeat(view.mass, 3)[:, None] * jacobian)
+    expected = rigid_inertia(model, data) + added
+    np.testing.assert_allclose(dense_inertia(model, data), expected, atol=1e-10 * np.abs(expected).max())
+    voxels = bar().labels.size * SPACING**3 * 1100
+    assert view.mass.sum() == pytest.approx(voxels, rel=1e-4)
+    for _, difference in view.mass_difference:
+        np.testing.assert_allclose(difference.sum(axis=1), 0, atol=1e-12)
+
+
+def test_explicit_mode_leaves_inertia_alone_and_allows_rk4() -> None:
+    made = mf.build(bar(), 3, 6, mode="explicit")
+    rk4 = mujoco.mjtIntegrator.mjINT_RK4
+    model, data = compiled(ARM, (made, (0, 0, 0), (1, 0, 0, 0)), contact=False, integrator=rk4, timestep=1e-4)
+    view = soft(model, data, "soft0")
+    jumble(model, data, np.random.default_rng(7), 0.005, 0.0)
+    np.testing.assert_allclose(dense_inertia(model, data), rigid_inertia(model, data), atol=1e-12)
+    start = view.elastic_energy
+    energies = []
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        energies.append(view.elastic_energy + view.kinetic_energy)
+    np.testing.assert_allclose(energies, start, rtol=1e-4)
