@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from mjframes.body import SoftBody, build
 from mjframes.control import control_weights
 from mjframes.errors import MjframesError
-from mjframes.fixed import Fixed
 from mjframes.material import Material
 from mjframes.mjcf import attach
 from mjframes.report.cases import Case
 from mjframes.report.equilibrium import release, seconds_per_step, seconds_to_rest, settle
+from mjframes.supports import Fixed
 from mjframes.view import soft
 from mjframes.volume import Volume
 
@@ -46,6 +46,7 @@ class Setting:
     relax: bool = True
     samples: int = SAMPLES[0]
     averaged: bool = False
+    mass: str = "lumped"
 
     @property
     def family(self) -> str:
@@ -53,6 +54,7 @@ class Setting:
         if self.averaged:
             return "paper-style (Euclidean kernels, averaged samples)"
         more = f", {self.samples} samples a frame" if self.samples > SAMPLES[0] else ""
+        more += ", consistent mass" if self.mass == "consistent" else ""
         return f"{self.frame_type}, {self.kernel}{', relaxed' if self.relax else ''}{more}"
 
 
@@ -112,7 +114,10 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
     spec.option.gravity = [0, 0, 0]
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     attach(spec.worldbody, body, name="body", contact=False)
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise MjframesError(f"MuJoCo cannot compile it ({' '.join(str(error).split())[:200]}).") from error
     data = mujoco.MjData(model)
     view = soft(model, data, "body")
     grid = case.grid
@@ -123,7 +128,7 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
     def push() -> None:
         """A point of a rigid frame is not the body's centre of mass: the force has a torque."""
         data.xfrc_applied[:] = 0
-        arm = data.xpos[view.bodies] - data.xipos[view.bodies]
+        arm = view.control_positions - data.xipos[view.bodies]
         np.add.at(data.xfrc_applied, view.bodies, np.hstack([force, np.cross(arm, force)]))
 
     def field() -> Array:
@@ -145,6 +150,7 @@ def built(case: Case, volume: Volume, setting: Setting) -> SoftBody:
         samples=setting.samples * setting.frames,
         frame_type=setting.frame_type,
         relax=setting.relax,
+        mass=setting.mass,
         fixed=[Fixed(case.fixed)],
         **KERNELS[setting.kernel],
         **places,

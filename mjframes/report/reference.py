@@ -22,7 +22,7 @@ from mjframes.voxel_fem import rigid_motions
 Array = NDArray[np.float64]
 
 LEVELS = ((1, 1), (1, 2), (2, 1), (2, 2))
-MOST_NODES = 90_000  # beyond that a level is left out
+MOST_NODES, MOST_NODES_LARGE = 90_000, 20_000  # beyond that a level is left out; for large displacements
 TOLERANCE = 1e-8  # [-] of the residual of linear systems, and of Newton's iterations
 INCREMENTS = 4  # of a large load
 
@@ -44,7 +44,7 @@ class Reference:
 
 def refined(case: Case) -> Reference:
     """Computed once, then kept."""
-    inputs = (case.volume, case.fixed, case.load, case.goal, case.amplitude, case.nonlinear, MOST_NODES)
+    inputs = (case.volume, case.fixed, case.load, case.goal, case.amplitude, case.nonlinear, MOST_NODES, MOST_NODES_LARGE)
     known = cached("reference", inputs, lambda: _solve(case))
     fields = known["fields"]
     size = np.linalg.norm(fields[-1])
@@ -61,7 +61,7 @@ def _solve(case: Case) -> dict[str, Array]:
     fields, levels, load = [], [], case.load
     for order, split in LEVELS:
         mesh = bricks(case.grid, case.held, order, split)
-        if fields and len(mesh.nodes) > MOST_NODES:
+        if fields and len(mesh.nodes) > (MOST_NODES_LARGE if case.nonlinear else MOST_NODES):
             continue
         low = mesh if order == 1 else bricks(case.grid, case.held, 1, order * split)
         moved = linear_solution(mesh, low, load)

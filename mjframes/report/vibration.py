@@ -85,7 +85,12 @@ def vibrations(case: Case, known: Reference, flex: FlexProcess | None, quick: bo
     found: list[Vibration] = []
     sizes = (1, 4) if quick else (1, 2, 4, 8)
     cells = ((4, 1, 1), (8, 2, 2)) if quick else ((4, 1, 1), (8, 2, 2), (16, 4, 4))
-    entries = [("mjframes", Setting(frames, kind, "linear")) for kind in ("affine", "quadratic") for frames in sizes]
+    entries = [
+        ("mjframes", Setting(frames, kind, "linear", mass=mass))
+        for kind in ("affine", "quadratic")
+        for mass in ("lumped", "consistent")
+        for frames in sizes
+    ]
     entries += [
         ("flex", FlexSetting(dof, count))
         for dof in ("trilinear", "quadratic")
