@@ -135,7 +135,7 @@ def test_large_strains_give_the_force_of_scikit_fem(order):
         F = grad(w["moved"]) + identity(grad(w["moved"]))
         G = (mul(transpose(F), F) - identity(F)) / 2
         S = w["lam"] * np.einsum("ii...", G) * identity(F) + 2 * w["mu"] * G
-        return ddot(mul(F, S), grad(v))
+        return ddot(mul(F, S), grad(v))  # pyright: ignore[reportArgumentType]
 
     basis = fem.Basis(other.basis.mesh, other.basis.elem, quadrature=_gauss(order))
     theirs = work.assemble(

@@ -34,9 +34,9 @@ def write_report(
     Raises MjframesError where an extra package is missing, for a Python without flex and for unusable files.
     """
     try:
-        from mjframes.report.plots import draw_convergence, draw_scatter, draw_shapes, draw_vibration
+        import matplotlib  # noqa: F401
 
-        import matplotlib  # noqa: F401, I001
+        from mjframes.report.plots import draw_convergence, draw_scatter, draw_shapes, draw_vibration
     except ImportError as error:
         raise MjframesError(
             'the report needs matplotlib, which is not installed; pip install "mjframes[report]".'
@@ -65,6 +65,4 @@ def write_report(
     write_csv(folder / "report.csv", outcomes)
     command = shlex.join(["mjframes", *sys.argv[1:]])
     seconds = time.perf_counter() - start
-    write_page(
-        folder / "report.md", Findings(command, machine(), version, outcomes, found, first, lines, seconds)
-    )
+    write_page(folder / "report.md", Findings(command, machine(), version, outcomes, found, first, lines, seconds))

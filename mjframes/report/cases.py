@@ -1,7 +1,7 @@
 """What is compared: volumes, what holds them, what pulls at them, and where the frames of each are.
 
-Loads are forces on voxels, so that finite elements, frames and flex take the same ones; their size is chosen so that the
-linear solution moves by `amplitude` times the body's length. "Held" are whole voxels.
+Loads are forces on voxels, so that finite elements, frames and flex take the same ones; their size is chosen so that
+the linear solution moves by `amplitude` times the body's length. "Held" are whole voxels.
 """
 
 from __future__ import annotations
@@ -71,21 +71,21 @@ class Case:
         return float(np.sum(self.goal * moved))
 
 
-def _along(volume: Volume, axis: int, fixed: int = 1) -> tuple[Mask, Array, Array]:
-    """Fixed first layers along an axis; (n,) position in voxels along it, and (n,) whether a voxel is in the last."""
+def _along(volume: Volume, axis: int, fixed: int = 1) -> tuple[Mask, Mask]:
+    """The first layers along an axis (nx, ny, nz), and whether a voxel is in the last (n,)."""
     index = voxel_grid(volume).index
     mask = np.zeros(volume.labels.shape, bool)
     mask[(slice(None),) * axis + (slice(fixed),)] = True
-    return mask, index[:, axis].astype(float), index[:, axis] == index[:, axis].max()
+    return mask, index[:, axis] == index[:, axis].max()
 
 
-def _mean(where: Array, direction: int) -> Array:
+def _mean(where: Mask, direction: int) -> Array:
     goal = np.zeros((len(where), 3))
     goal[where, direction] = 1 / where.sum()
     return goal
 
 
-def _pull(where: Array, young: Array, direction: int, sign: float = 1.0) -> Array:
+def _pull(where: Mask, young: Array, direction: int, sign: float = 1.0) -> Array:
     """A pull on an end in proportion to its stiffness: without it soft layers would be torn out of stiff ones."""
     load = np.zeros((len(where), 3))
     load[where, direction] = sign * young[where]
@@ -93,7 +93,7 @@ def _pull(where: Array, young: Array, direction: int, sign: float = 1.0) -> Arra
 
 
 def _row(volume: Volume, axis: int = 0) -> Callable[[int], Array]:
-    """f frames evenly along an axis, after a fixed first layer, the last in the last layer, in the cross section's middle."""
+    """f frames evenly along an axis after a fixed first layer, the last in the last one, in the others' middle."""
     shape, step = np.array(volume.labels.shape), volume.spacing
 
     def places(frames: int) -> Array:
@@ -116,7 +116,7 @@ def bar(
     frames: tuple[int, ...] = (1, 2, 4, 8),
     amplitude: float = SMALL,
 ) -> Case:
-    """0.1 m thick, `length` times as long, held at one end; load: weight, pull, twist.  core: how much stiffer it is."""
+    """0.1 m thick, `length` times as long, held at one end; load: weight, pull, twist.  core: its stiffness."""
     labels = np.ones((length * across + 1, across, across), np.uint8)
     materials = {1: Material(1e6, poisson, DENSITY)}
     if core is not None:
@@ -125,7 +125,7 @@ def bar(
         materials[2] = Material(1e6 * core, poisson, DENSITY)
     volume = Volume.from_labels(labels, 0.1 / across, materials)
     grid = voxel_grid(volume)
-    fixed, _, end = _along(volume, 0)
+    fixed, end = _along(volume, 0)
     force, goal = _bar_load(grid, load, end)
     return Case(
         name, title, volume, fixed, force, goal, frames, _row(volume), core is not None, True, amplitude,
@@ -161,7 +161,7 @@ def plate(name: str, title: str, pull: int, *, fine: int, graded: bool) -> Case:
         labels[4 * fine : 6 * fine, fine : 3 * fine] = 2
         materials = {1: Material(1e5, 0.3, DENSITY), 2: Material.rigid(DENSITY)}
     volume = Volume.from_labels(labels, [0.1 / fine, 0.1 / fine, 0.1 / fine], materials)
-    fixed, _, end = _along(volume, pull)
+    fixed, end = _along(volume, pull)
     force = np.zeros((len(end), 3))
     force[end, pull] = 1
     centerline = _row(volume) if pull == 0 else None
@@ -176,7 +176,7 @@ def three_materials() -> Case:
     labels[20:40], labels[40:] = 2, 3
     stiffness = {1: 3e5, 2: 1e5, 3: 1e6}
     volume = Volume.from_labels(labels, 0.01, {k: Material(e, 0.0, DENSITY) for k, e in stiffness.items()})
-    fixed, _, end = _along(volume, 0)
+    fixed, end = _along(volume, 0)
     force = _pull(end, np.ones(len(end)), 0, -1.0)
     return Case(
         "three", "bar of three materials, pressed (Figure 5)", volume, fixed, force, -_mean(end, 0), (1, 2, 4),
@@ -189,7 +189,7 @@ def block_with_bone(load: str) -> Case:
     labels = np.ones((31, 10, 10), np.uint8)
     labels[8:24, 2:6, 5:8] = 2
     volume = Volume.from_labels(labels, 0.01, {1: Material(1e5, 0.3, DENSITY), 2: Material(1e9, 0.3, DENSITY)})
-    fixed, _, end = _along(volume, 0)
+    fixed, end = _along(volume, 0)
     force, goal = _bar_load(voxel_grid(volume), load, end)
     words = {"pull": "pulled", "weight": "under its weight"}[load]
     return Case(
@@ -203,7 +203,7 @@ def sandwich() -> Case:
     labels = np.ones((13, 12, 12), np.uint8)
     labels[:, :, 3:6] = labels[:, :, 9:] = 2
     volume = Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.3, DENSITY), 2: Material(1e7, 0.3, DENSITY)})
-    fixed, _, end = _along(volume, 2)
+    fixed, end = _along(volume, 2)
     force = _pull(end, np.ones(len(end)), 0)
     return Case(
         "sandwich", "layers 1:1000 in turns, sheared", volume, fixed, force, _mean(end, 0), (1, 2, 4),
@@ -214,15 +214,17 @@ def sandwich() -> Case:
 def cube() -> Case:
     """A cube, sheared: held below, pushed sideways above."""
     volume = Volume.from_labels(np.ones((12, 12, 13), np.uint8), 0.01, {1: Material(1e5, 0.3, DENSITY)})
-    fixed, _, end = _along(volume, 2)
+    fixed, end = _along(volume, 2)
     force = _pull(end, np.ones(len(end)), 0)
-    return Case("shear", "cube, sheared", volume, fixed, force, _mean(end, 0), (1, 2, 4), _row(volume, 2), straight=True)
+    return Case(
+        "shear", "cube, sheared", volume, fixed, force, _mean(end, 0), (1, 2, 4), _row(volume, 2), straight=True
+    )
 
 
 def sheet() -> Case:
     """0.3 × 0.2 m, 6 mm thick, one voxel: held at one edge, bent by its weight."""
     volume = Volume.from_labels(np.ones((31, 20, 1), np.uint8), [0.01, 0.01, 0.006], {1: Material(1e6, 0.3, DENSITY)})
-    fixed, _, end = _along(volume, 0)
+    fixed, end = _along(volume, 0)
     force, goal = _bar_load(voxel_grid(volume), "weight", end)
     return Case(
         "sheet", "thin sheet under its weight", volume, fixed, force, goal, (1, 2, 4, 8), _row(volume), straight=True
@@ -232,7 +234,7 @@ def sheet() -> Case:
 def rod(name: str, title: str, amplitude: float = SMALL) -> Case:
     """1 m long, 3 cm thick, three voxels."""
     volume = Volume.from_labels(np.ones((101, 3, 3), np.uint8), 0.01, {1: Material(1e7, 0.3, DENSITY)})
-    fixed, _, end = _along(volume, 0)
+    fixed, end = _along(volume, 0)
     force, goal = _bar_load(voxel_grid(volume), "weight", end)
     return Case(
         name, title, volume, fixed, force, goal, (1, 2, 4, 8, 16), _row(volume), False, True, amplitude,
@@ -276,7 +278,9 @@ def all_cases(quick: bool) -> list[Case]:
         cube(),
         cored,
         bar("core_pull", "stiff core in a soft coat, 1:1000, pulled", "pull", across=8, core=1e3),
-        bar("core_large", "stiff core in a soft coat, large displacement", "weight", across=8, core=1e3, amplitude=0.25),
+        bar(
+            "core_large", "stiff core in a soft coat, large displacement", "weight", across=8, core=1e3, amplitude=0.25
+        ),
         sandwich(),
         block_with_bone("pull"),
         block_with_bone("weight"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,7 +28,7 @@ from mjframes.volume import Volume
 Array = NDArray[np.float64]
 
 TYPES = ("affine", "rigid", "quadratic")
-KERNELS = {  # name: options of `build`
+KERNELS: dict[str, dict[str, Any]] = {  # name: options of `build`
     "voronoi": {"weights": "voronoi"},
     "voronoi 2": {"weights": "voronoi", "subdivisions": 2},
     "harmonic": {"weights": "harmonic"},
@@ -144,7 +145,7 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
 
 
 def built(case: Case, volume: Volume, setting: Setting) -> SoftBody:
-    places = {"frames": setting.frames} if case.places is None else {"at": case.places(setting.frames)}
+    places: dict[str, Any] = {"frames": setting.frames} if case.places is None else {"at": case.places(setting.frames)}
     return build(
         volume,
         samples=setting.samples * setting.frames,

@@ -1,14 +1,15 @@
 """From rest to equilibrium by steps of MuJoCo alone, and how long a step takes.
 
-Implicit Euler with a large time step h is a Newton iteration: M + h² K ≈ h² K. So a static solution is a few large steps,
-for mjframes and for flex alike; the largest h of `TIMESTEPS` that comes to rest is taken. This module imports nothing
-of mjframes: a second Python with another MuJoCo runs it too.
+Implicit Euler with a large time step h is a Newton iteration: M + h² K ≈ h² K. So a static solution is a few large
+steps, for mjframes and for flex alike; the largest h of `TIMESTEPS` that comes to rest is taken. This module imports
+nothing of mjframes: a second Python with another MuJoCo runs it too.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -22,7 +23,7 @@ TIMED_STEP = 0.002  # [s] the time step at which seconds per step are measured
 
 def settle(
     model: mujoco.MjModel, data: mujoco.MjData, push: Callable[[], None], field: Callable[[], np.ndarray]
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Steps until nothing moves any more; the state stays in `data`.
 
     push: sets the applied forces, at the present configuration.  field: displacements (n, 3) [m].
@@ -51,7 +52,9 @@ def settle(
     return {}
 
 
-def seconds_to_rest(model: mujoco.MjModel, data: mujoco.MjData, push: Callable[[], None], steps: int, h: float) -> float:
+def seconds_to_rest(
+    model: mujoco.MjModel, data: mujoco.MjData, push: Callable[[], None], steps: int, h: float
+) -> float:
     """Wall time [s] of the first `steps` steps of h [s] from the undeformed state; the state is kept."""
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.zeros(mujoco.mj_stateSize(model, kind))

@@ -184,8 +184,8 @@ def flex_settings(case: Case, quick: bool) -> list[FlexSetting]:
             for _ in range(10):  # thin bodies have one cell across: the others are as long as makes the number right
                 thick = size > edge
                 edge = float(np.prod(size[thick]) / cells) ** (1 / max(1, int(thick.sum())))
-            count = tuple(int(c) for c in np.clip(np.round(size / edge), 1, extent))
-            setting = FlexSetting(dof, count)
+            x, y, z = (int(count) for count in np.clip(np.round(size / edge), 1, extent))
+            setting = FlexSetting(dof, (x, y, z))
             if setting not in found and setting.dofs <= (MOST_DOFS_QUICK if quick else MOST_DOFS):
                 found.append(setting)
     return found

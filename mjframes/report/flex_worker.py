@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from equilibrium import release, seconds_per_step, seconds_to_rest, settle  # noqa: E402  this folder is no package here
+from equilibrium import release, seconds_per_step, seconds_to_rest, settle
 
 POINTS = 3  # [a voxel and axis] Gauss's points of its stiffness
 ORDER = {"full": 1, "trilinear": 1, "quadratic": 2}
@@ -149,14 +149,13 @@ class Flex:
         a = (self.order + 1) ** 3
         total = np.zeros((np.prod(self.cells), 3 * a, 3 * a))
         order = np.argsort(self.number, kind="stable")
-        for some in np.split(order, np.flatnonzero(np.diff(self.number[order])) + 1):
+        pieces: list[np.ndarray] = np.split(order, 1 + np.nonzero(np.diff(self.number[order]))[0])
+        for some in pieces:
             gradient = np.stack([self.shape(self.place[some], d) / self.size[d] for d in range(3)], axis=-1)
             both = [np.sqrt(k[some] * self.weight[some])[:, None, None] * gradient for k in (lam, mu)]
-            by_lam, by_mu = (
-                (g.reshape(len(some), -1).T @ g.reshape(len(some), -1)).reshape(a, 3, a, 3) for g in both
-            )
+            by_lam, by_mu = ((g.reshape(len(some), -1).T @ g.reshape(len(some), -1)).reshape(a, 3, a, 3) for g in both)
             block = by_lam + by_mu.transpose(0, 3, 2, 1) + np.einsum("akbk,ij->aibj", by_mu, np.eye(3))
-            total[self.number[some[0]]] = block.reshape(3 * a, 3 * a)
+            total[self.number[some][0]] = block.reshape(3 * a, 3 * a)
         return total
 
     def shape(self, place: np.ndarray, derivative: int | None = None) -> np.ndarray:
@@ -230,7 +229,7 @@ def main() -> None:
         answers.flush()
 
 
-def respond(order: dict[str, Any], flexes: dict[int, Flex]) -> dict[str, object]:
+def respond(order: dict[str, Any], flexes: dict[int, Flex]) -> dict[str, Any]:
     match order["do"]:
         case "version":
             return {"version": mujoco.__version__}

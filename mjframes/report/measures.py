@@ -89,8 +89,7 @@ def compare(
     progress(f"{case.title}: time")
     rounds, least = (3, 0.003) if quick else (7, 0.01)
     times = [
-        [(one.seconds_per_step(TIMED_STEP, least), one.seconds_to_rest()) for one, _, _ in found]
-        for _ in range(rounds)
+        [(one.seconds_per_step(TIMED_STEP, least), one.seconds_to_rest()) for one, _, _ in found] for _ in range(rounds)
     ]
     size, goal = np.linalg.norm(known.moved), case.quantity(known.moved)
     rows = [

@@ -56,10 +56,13 @@ def _page(findings: Findings) -> Iterable[str]:
     yield f"- flex: {findings.flex}"
     yield ""
     yield (
-        "Errors are relative L2 over all voxels, against finite elements on the same voxels. Frames and flex are stepped "
-        "by `mj_step` from rest to equilibrium, with the largest of three time steps that comes to rest; times a step are "
-        "of steps of 2 ms, in turns, medians. Flex runs with the integrator `discrete` and Newton's solver, without contact. "
-        "Where stiffness varies its compiled `flex_stiffness` is replaced by that of the voxels (exact sums in cells, "
+        "Errors are relative L2 over all voxels, against finite elements on the same voxels. Frames and flex are "
+        "stepped by `mj_step` from rest to equilibrium, with the largest of three time steps that comes "
+        "to rest; times a "
+        "step are of steps of 2 ms, in turns, medians. Flex runs with the integrator `discrete` and "
+        "Newton's solver, without "
+        "contact. Where stiffness varies its compiled `flex_stiffness` is replaced by that of the "
+        "voxels (exact sums in cells, "
         "means in tetrahedra), which MuJoCo itself does not offer."
     )
     yield from _promises(findings)
@@ -98,8 +101,8 @@ def _promises(findings: Findings) -> Iterable[str]:
 def _races(findings: Findings, races: Sequence[Race]) -> Iterable[str]:
     yield from ("", "## Frames against flex at the same error", "")
     yield (
-        "Bound: the first of 5, 10, 20, 30 % that frames reach. Lead: seconds a step of the fastest flex that is as exact as "
-        "the frames named or better, by theirs; the frames are those within the bound that lead most."
+        "Bound: the first of 5, 10, 20, 30 % that frames reach. Lead: seconds a step of the fastest flex that is as "
+        "exact as the frames named or better, by theirs; the frames are those within the bound that lead most."
     )
     yield ""
     lines, missed = [], []
@@ -133,8 +136,9 @@ def _cause(outcome: Outcome, one: Race) -> str:
     best = min((r for r in outcome.rows if r.kind == "mjframes"), key=lambda r: r.error)
     if one.mine is None:
         return (
-            f"no frames come within {100 * one.bound:.0f} % (best: {best.family}, {best.name}, {100 * best.error:.0f} %): "
-            "the frames' weights, or the stiffness of their regions, do not follow this field."
+            f"no frames come within {100 * one.bound:.0f} % (best: {best.family}, {best.name}, {100 * "
+            f"best.error:.0f} %)"
+            ": the frames' weights, or the stiffness of their regions, do not follow this field."
         )
     assert one.theirs
     return (
@@ -177,8 +181,8 @@ def _convergence(findings: Findings) -> Iterable[str]:
 def _references(findings: Findings) -> Iterable[str]:
     yield from ("", "## The finite elements", "")
     yield (
-        "Bricks of order p, split r × r × r a voxel; the last level is the reference. Change: relative L2 distance from it. "
-        "Large displacements: St. Venant–Kirchhoff."
+        "Bricks of order p, split r × r × r a voxel; the last level is the reference. Change: relative L2 distance "
+        "from it. Large displacements: St. Venant–Kirchhoff."
     )
     yield ""
     yield from _table(
@@ -201,8 +205,10 @@ def _vibration(findings: Findings) -> Iterable[str]:
         return
     yield from ("", "## Free vibration after release", "", "![vibration](vibration.png)", "")
     yield (
-        f"A cantilever bent by its weight is let go: {PERIODS} periods of {findings.frequency:.3f} Hz (finite elements), steps of "
-        f"{1e3 * TIMESTEP:g} ms. Left: amplitude at the end, of that at the start; implicit Euler takes the rest."
+        f"A cantilever bent by its weight is let go: {PERIODS} periods of {findings.frequency:.3f} Hz "
+        f"(finite elements), "
+        f"steps of {1e3 * TIMESTEP:g} ms. Left: amplitude at the end, of that at the start; implicit "
+        f"Euler takes the rest."
     )
     yield ""
     yield from _table(
@@ -226,8 +232,9 @@ def _table2(findings: Findings) -> Iterable[str]:
         return
     yield from ("", "## The paper's Table 2", "")
     yield (
-        "Here: steps of 2 ms with contact, and the same with each step drawn (0 where nothing can be drawn). The paper's frames "
-        "a second include drawing and contact, on a PC of 2011."
+        "Here: steps of 2 ms with contact, and the same with each step drawn (0 where nothing can be "
+        "drawn). The paper's "
+        "frames a second include drawing and contact, on a PC of 2011."
     )
     yield ""
     lines = []
@@ -246,7 +253,16 @@ def _table2(findings: Findings) -> Iterable[str]:
             )
         )
     yield from _table(
-        ["model", "frames / samples", "vertices (paper)", "voxels (paper)", "t_ini [s] (paper)", "steps/s", "drawn", "paper"],
+        [
+            "model",
+            "frames / samples",
+            "vertices (paper)",
+            "voxels (paper)",
+            "t_ini [s] (paper)",
+            "steps/s",
+            "drawn",
+            "paper",
+        ],
         lines,
     )
 

@@ -125,7 +125,9 @@ def draw_shapes(path: Path, outcomes: Sequence[Outcome]) -> None:
             axes.set_aspect("equal")
             axes.set(xticks=[], yticks=[], frame_on=False)
             axes.set_title(name, fontsize="x-small", color=style(name)[0])
-        panels[0].set_ylabel(f"{textwrap.fill(case.title, 26)}\n× {scale:.3g}", fontsize="x-small", rotation=0, ha="right")
+        panels[0].set_ylabel(
+            f"{textwrap.fill(case.title, 26)}\n× {scale:.3g}", fontsize="x-small", rotation=0, ha="right"
+        )
         for axes in panels[len(named) :]:
             axes.set_axis_off()
     _save(path, figure)
@@ -141,7 +143,7 @@ def _view(moved: Array, extent: Array) -> tuple[int, int]:
     return axis, up
 
 
-def _links(index: Array, depth: int) -> Array:
+def _links(index: NDArray[np.integer], depth: int) -> NDArray[np.int64]:
     """(l, 2) neighbouring voxels of the layer in the middle of axis `depth`."""
     levels, count = np.unique(index[:, depth], return_counts=True)
     level = levels[np.argmin(np.abs(levels - np.average(levels, weights=count)))]

@@ -44,7 +44,16 @@ class Reference:
 
 def refined(case: Case) -> Reference:
     """Computed once, then kept."""
-    inputs = (case.volume, case.fixed, case.load, case.goal, case.amplitude, case.nonlinear, MOST_NODES, MOST_NODES_LARGE)
+    inputs = (
+        case.volume,
+        case.fixed,
+        case.load,
+        case.goal,
+        case.amplitude,
+        case.nonlinear,
+        MOST_NODES,
+        MOST_NODES_LARGE,
+    )
     known = cached("reference", inputs, lambda: _solve(case))
     fields = known["fields"]
     size = np.linalg.norm(fields[-1])
@@ -110,7 +119,9 @@ def preconditioner(matrix: sparse.csr_array, mesh: Bricks) -> LinearOperator:
     try:
         import pyamg
     except ImportError as error:
-        raise MjframesError('the report needs pyamg, which is not installed; pip install "mjframes[report]".') from error
+        raise MjframesError(
+            'the report needs pyamg, which is not installed; pip install "mjframes[report]".'
+        ) from error
     smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
     blocks = sparse.bsr_matrix(sparse.csr_matrix(matrix), blocksize=(3, 3))
     motions = rigid_motions(mesh.nodes)[mesh.moving]

@@ -71,9 +71,14 @@ def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], Non
             (speed,) = measure_steps([run], 3, STEPS)
             lines.append(
                 Line(
-                    model, *size, len(body.skin.vertices), body.voxels, building.total, 1 / speed.step,
+                    model,
+                    *size,
+                    len(body.skin.vertices),
+                    body.voxels,
+                    building.total,
+                    1 / speed.step,
                     _drawn(run.model, run.data),
-                )  # fmt: skip
+                )
             )
     return lines
 

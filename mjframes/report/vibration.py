@@ -1,7 +1,8 @@
 """Free vibration after release: a bar bent by its weight, then let go.
 
-The reference superposes the modes of finite elements, K φ = ω² M φ with lumped masses: u(t) = Σ_i φ_i (φ_iᵀ M u_0) cos ω_i t.
-It loses nothing; what implicit steps take away is reported as the amplitude that is left.
+The reference superposes the modes of finite elements, K φ = ω² M φ with lumped masses:
+u(t) = Σ_i φ_i (φ_iᵀ M u_0) cos ω_i t. It loses nothing; what implicit steps take away is reported as the amplitude
+that is left.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ def exact_vibration(case: Case, known: Reference) -> tuple[float, Array, Array]:
     modes = cached("vibration", inputs, lambda: _modes(case, known))
     omega = modes["omega"]
     first = float(omega[0] / (2 * np.pi))
-    times = np.arange(1, int(PERIODS / first / TIMESTEP) + 1) * TIMESTEP
+    times = TIMESTEP * np.arange(1.0, int(PERIODS / first / TIMESTEP) + 1)
     part = np.array([case.quantity(field) for field in modes["fields"]])
-    return first, times, np.cos(np.outer(times, omega)) @ part
+    return first, times, np.asarray(np.cos(np.outer(times, omega)) @ part, np.float64)
 
 
 def _modes(case: Case, known: Reference) -> dict[str, Array]:
@@ -68,7 +69,9 @@ def _modes(case: Case, known: Reference) -> dict[str, Array]:
     start[:, 0] = bent
     scale = np.sqrt(mass)
     diagonal = sparse.diags_array(mass, format="csr")
-    squares, vectors = lobpcg(matrix, start / scale[:, None], B=diagonal, M=inverse, largest=False, tol=1e-6, maxiter=200)
+    squares, vectors = lobpcg(
+        matrix, start / scale[:, None], B=diagonal, M=inverse, largest=False, tol=1e-6, maxiter=200
+    )
     order = np.argsort(squares)
     fields = []
     for i in order:
