@@ -279,7 +279,7 @@ def all_cases(quick: bool) -> list[Case]:
         cored,
         bar("core_pull", "stiff core in a soft coat, 1:1000, pulled", "pull", across=8, core=1e3),
         bar(
-            "core_large", "stiff core in a soft coat, large displacement", "weight", across=8, core=1e3, amplitude=0.25
+            "core_large", "stiff core in a soft coat, large displacement", "weight", across=6, core=1e3, amplitude=0.25
         ),
         sandwich(),
         block_with_bone("pull"),

@@ -148,14 +148,13 @@ class Flex:
         mu = self.young / (2 * (1 + self.poisson))
         a = (self.order + 1) ** 3
         total = np.zeros((np.prod(self.cells), 3 * a, 3 * a))
-        order = np.argsort(self.number, kind="stable")
-        pieces: list[np.ndarray] = np.split(order, 1 + np.nonzero(np.diff(self.number[order]))[0])
-        for some in pieces:
+        for number in np.unique(self.number):
+            some = np.flatnonzero(self.number == number)
             gradient = np.stack([self.shape(self.place[some], d) / self.size[d] for d in range(3)], axis=-1)
             both = [np.sqrt(k[some] * self.weight[some])[:, None, None] * gradient for k in (lam, mu)]
             by_lam, by_mu = ((g.reshape(len(some), -1).T @ g.reshape(len(some), -1)).reshape(a, 3, a, 3) for g in both)
             block = by_lam + by_mu.transpose(0, 3, 2, 1) + np.einsum("akbk,ij->aibj", by_mu, np.eye(3))
-            total[self.number[some][0]] = block.reshape(3 * a, 3 * a)
+            total[number] = block.reshape(3 * a, 3 * a)
         return total
 
     def shape(self, place: np.ndarray, derivative: int | None = None) -> np.ndarray:

@@ -136,9 +136,8 @@ def _cause(outcome: Outcome, one: Race) -> str:
     best = min((r for r in outcome.rows if r.kind == "mjframes"), key=lambda r: r.error)
     if one.mine is None:
         return (
-            f"no frames come within {100 * one.bound:.0f} % (best: {best.family}, {best.name}, {100 * "
-            f"best.error:.0f} %)"
-            ": the frames' weights, or the stiffness of their regions, do not follow this field."
+            f"no frames come within {100 * one.bound:.0f} % (best: {best.family}, {best.name}, "
+            f"{100 * best.error:.0f} %): the frames' weights, or the stiffness of their regions, do not follow this field."
         )
     assert one.theirs
     return (
