@@ -22,6 +22,7 @@ from mjframes.report.reference import refined
 from mjframes.report.table2 import measure
 from mjframes.report.vibration import exact_vibration, vibrations
 
+MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that the README shows
 HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0, brings it in"
 
 
@@ -57,6 +58,9 @@ def write_report(
         version = f"MuJoCo {flex.version}" if flex else HOW
     lines = measure(models, quick, progress)
     progress("drawing")
+    main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
+    draw_scatter(folder / "main_time.png", main, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_shapes(folder / "main_shapes.png", main)
     draw_scatter(folder / "error_time.png", outcomes, lambda row: 1e6 * row.step_seconds, "µs a step")
     draw_scatter(folder / "error_dofs.png", outcomes, lambda row: row.dofs, "degrees of freedom")
     draw_convergence(folder / "convergence.png", outcomes)

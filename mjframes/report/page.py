@@ -137,7 +137,7 @@ def _cause(outcome: Outcome, one: Race) -> str:
     if one.mine is None:
         return (
             f"no frames come within {100 * one.bound:.0f} % (best: {best.family}, {best.name}, "
-            f"{100 * best.error:.0f} %): the frames' weights, or the stiffness of their regions, do not follow this field."
+            f"{100 * best.error:.0f} %): the frames' weights, or the stiffness of their regions, do not follow it."
         )
     assert one.theirs
     return (
