@@ -87,7 +87,7 @@ def compare(
             except MjframesError as error:
                 refused.append((setting.family, "×".join(map(str, setting.cells)) + " cells", str(error)))
     progress(f"{case.title}: time")
-    rounds, least = (3, 0.003) if quick else (7, 0.01)
+    rounds, least = (3, 0.003) if quick else (5, 0.005)
     times = [
         [(one.seconds_per_step(TIMED_STEP, least), one.seconds_to_rest()) for one, _, _ in found] for _ in range(rounds)
     ]

@@ -35,7 +35,7 @@ PAPER = {
 }
 VOXELS = {"dragon": 7_000_000, "ribbon": 60_000, "knee": 500_000, "rat": 1_500_000}
 MODELS = tuple(dict.fromkeys(model for model, _, _ in PAPER))
-FLESH = Material(2e4, 0.45, 1050, name="flesh")  # of meshes, which have no material, and of labels without one
+FLESH = Material(2e4, 0.45, 1050)  # of meshes, which have no material, and of labels without one
 WIDTH, HEIGHT = 640, 480  # [pixels]
 
 
