@@ -94,7 +94,7 @@ def settings(case: Case, quick: bool) -> list[Setting]:
     """What is tried: affine frames with each kernel, relaxed or not; other types relaxed; the paper-style variant."""
     kernels = [kernel for kernel in KERNELS if kernel != "linear" or case.straight]
     if quick:
-        kernels = ["linear" if case.straight else "voronoi"]
+        kernels = ["linear" if case.straight else "voronoi", "harmonic"]
     found = []
     for frames in case.frames:
         for kernel in kernels:
