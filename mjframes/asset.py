@@ -18,6 +18,7 @@ from mjframes.errors import MjframesError
 from mjframes.fields import pack_fields, unpack_fields
 from mjframes.files import replacing
 from mjframes.material import Material
+from mjframes.quadrature import Quadrature
 from mjframes.stiffness import Stiffness
 
 KIND = "mjframes soft body"
@@ -33,6 +34,8 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "types": np.array(body.types),
         "links": np.array(body.links, str),
         "mode": np.array(body.mode),
+        "law": np.array(body.law),
+        "law_constants": body.law_constants,
         "mass_difference": np.concatenate([np.zeros(0), *map(lower_triangle, body.mass_difference)]),
         "control_frame": body.control.frame,
         "control_rest": body.control.rest,
@@ -58,6 +61,8 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "voxels": np.array(body.voxels),
         "materials": np.array(json.dumps({label: asdict(m) for label, m in body.materials.items()})),
     }
+    if body.quadrature is not None:
+        arrays |= _packed_quadrature(body.quadrature)
     for name, weights in (("skin", body.skin.weights), ("contact", body.contact.weights)):
         arrays |= {f"{name}_weight": weights.data, f"{name}_index": weights.indices, f"{name}_row": weights.indptr}
     arrays |= pack_fields(body.fields)
@@ -106,6 +111,9 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
         fit_error=arrays["fit_error"],
         mass_difference=triangles(arrays["mass_difference"], size),
         mode=str(arrays["mode"]),
+        law=str(arrays["law"]),
+        law_constants=arrays["law_constants"],
+        quadrature=_restored_quadrature(arrays, np.split(arrays["region_points"], ends)),
         skin=Skin(arrays["skin_vertices"], arrays["skin_faces"], arrays["skin_label"], weights("skin")),
         contact=ContactSpheres(
             arrays["contact_centers"],
@@ -118,6 +126,32 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
         damping=(float(arrays["damping"][0]), float(arrays["damping"][1])),
         voxels=int(arrays["voxels"]),
         fields=unpack_fields(arrays, materials),
+    )
+
+
+def _packed_quadrature(quadrature: Quadrature) -> dict[str, np.ndarray]:
+    return {
+        "quadrature_count": np.array([len(volume) for volume in quadrature.volume]),
+        "quadrature_position": np.concatenate(quadrature.position),
+        "quadrature_volume": np.concatenate(quadrature.volume),
+        "quadrature_gradient": np.concatenate([gradient.ravel() for gradient in quadrature.gradient]),
+        "quadrature_material": np.concatenate(quadrature.material),
+    }
+
+
+def _restored_quadrature(arrays: dict[str, np.ndarray], points: list[np.ndarray]) -> Quadrature | None:
+    if "quadrature_count" not in arrays:
+        return None
+    count = arrays["quadrature_count"]
+    ends = np.cumsum(count)[:-1]
+    lengths = [3 * int(q) * len(some) for q, some in zip(count, points, strict=True)]
+    gradients = np.split(arrays["quadrature_gradient"], np.cumsum(lengths)[:-1])
+    return Quadrature(
+        points=tuple(points),
+        position=tuple(np.split(arrays["quadrature_position"], ends)),
+        volume=tuple(np.split(arrays["quadrature_volume"], ends)),
+        gradient=tuple(g.reshape(-1, len(some), 3) for g, some in zip(gradients, points, strict=True)),
+        material=tuple(np.split(arrays["quadrature_material"], ends)),
     )
 
 

@@ -5,7 +5,7 @@ volume → grid → frame placement → weights → regions → elimination tree
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +17,13 @@ from mjframes.control import ControlPoints, control_points, control_weights, fra
 from mjframes.errors import MjframesError
 from mjframes.fields import Fields
 from mjframes.grid import voxel_grid
+from mjframes.laws import LAWS
 from mjframes.mass import mass_difference
 from mjframes.material import Material
 from mjframes.null_modes import hold_null_modes
 from mjframes.patches import group_patches
 from mjframes.placement import place_frames
+from mjframes.quadrature import Quadrature, parameters, quadrature, require_turning
 from mjframes.regions import split_regions
 from mjframes.stiffness import Stiffness, region_stiffness
 from mjframes.supports import Attached, Fixed, held_cores
@@ -30,6 +32,7 @@ from mjframes.tree import depth_first, frame_tree
 from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind, frame_weights
 
+COROTATIONAL = "corotational"
 MASSES = ("lumped", "consistent")
 MODES = ("implicit", "explicit")
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
@@ -68,12 +71,14 @@ class ContactSpheres:
 class SoftBody:
     """Everything a scene needs of a soft body. k control points, f frames, r regions.
 
-    parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.
-    types: (f,) of the frames.  links: names of the bodies that hold the first so many frames, "" for the one that the
-    soft body is attached to.  control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each
-    region [-].  mass_difference: consistent minus lumped mass matrix of each region (m, m) [kg], none for lumped mass.
-    mode: "implicit" or "explicit".  skin, contact: its surfaces.  materials: by label.  damping: Rayleigh's (α [1/s],
-    β [s]).  voxels: how many.  fields: what is known at each voxel.
+    parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.  types:
+    (f,) of the frames.  links: names of the bodies that hold the first so many frames, "" for the one that the soft
+    body is attached to.  control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each
+    region [-].  law: of its elasticity; law_constants: (t, 3) of each material, and quadrature: the points where it
+    is evaluated, for a law other than "corotational".  mass_difference: consistent minus lumped mass matrix of each
+    region (m, m) [kg], none for lumped mass.  mode: "implicit" or "explicit".  skin, contact: its surfaces.
+    materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how many.  fields: what is known at each
+    voxel.
     """
 
     parent: np.ndarray
@@ -82,6 +87,9 @@ class SoftBody:
     control: ControlPoints
     stiffness: Stiffness
     fit_error: np.ndarray
+    law: str
+    law_constants: np.ndarray
+    quadrature: Quadrature | None
     mass_difference: tuple[np.ndarray, ...]
     mode: str
     skin: Skin
@@ -119,6 +127,8 @@ def build(
     frame_type: str | Sequence[str] = "affine",
     weights: Kind = "voronoi",
     subdivisions: int = 1,
+    law: str = COROTATIONAL,
+    law_constants: Mapping[int, Mapping[str, float]] | None = None,
     relax: bool = True,
     mass: str = "lumped",
     mode: str = "implicit",
@@ -131,15 +141,18 @@ def build(
 ) -> SoftBody:
     """Build a soft body from a volume.
 
-    frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the paper's
-    integration samples).  frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or "point" (3,
-    translations only, for small rotations), for all frames or a sequence with one for each.  weights: "voronoi"
-    kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
-    relax: let the material of each region relax within it.  mass: "lumped" or "consistent".  mode: "implicit", stable
-    at any step, or "explicit", which does no stiffness work and needs steps shorter than the stiffest vibration.
-    damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
-    fixed, attached: pieces that do not move in the body that the soft body is attached to, or that move with a named
-    one; each is a frame of its own, beside those asked for.  progress: called with the name of each stage.
+    frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the
+    paper's integration samples).  frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or
+    "point" (3, translations only, for small rotations), for all frames or a sequence with one for each.  weights:
+    "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.  law: "corotational", or one that is
+    evaluated at quadrature points: "green_lagrange", "neo_hookean", "mooney_rivlin" or "arruda_boyce", with their
+    constants by label where those of Young's modulus and Poisson's ratio will not do.  relax: let the material of
+    each region relax within it (the corotational law only).  mass: "lumped" or "consistent".  mode: "implicit",
+    stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the stiffest
+    vibration.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel
+    unless given.  fixed, attached: pieces that do not move in the body that the soft body is attached to, or that
+    move with a named one; each is a frame of its own, beside those asked for.  progress: called with the name of
+    each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
     try:
@@ -150,6 +163,8 @@ def build(
         raise MjframesError(f"damping is {damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
     if mass not in MASSES:
         raise MjframesError(f"mass is {mass!r}; it must be one of {', '.join(map(repr, MASSES))}.")
+    if law not in (COROTATIONAL, *LAWS):
+        raise MjframesError(f"law is {law!r}; it must be one of {', '.join(map(repr, (COROTATIONAL, *LAWS)))}.")
     if mode not in MODES:
         raise MjframesError(f"mode is {mode!r}; it must be one of {', '.join(map(repr, MODES))}.")
     if contact_radius is not None and not 0 < contact_radius <= RADIUS_LIMIT * np.min(volume.spacing):
@@ -174,9 +189,14 @@ def build(
     shape_functions, regions, tree = depth_first(shape_functions, regions, tree)
     progress("summing the stiffness")
     control = control_points(grid, shape_functions, types)
-    stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax)
+    stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax and law == COROTATIONAL)
     if not cores:  # a null mode moves all frames of its chain, so a fixed one holds it
-        stiffness = hold_null_modes(stiffness, control)
+        stiffness = hold_null_modes(stiffness, control, [i for i, name in enumerate(types) if name == "rigid"])
+    constants, points = np.zeros((0, 3)), None
+    if law != COROTATIONAL:
+        progress("placing the quadrature points")
+        constants = np.array([p.constants for p in parameters(law, grid, law_constants or {})])
+        points = require_turning(quadrature(grid, shape_functions, control, regions, tree), control, law)
     consistent = mass == "consistent"
     difference = mass_difference(grid, shape_functions, control, regions, stiffness) if consistent else ()
     progress("attaching the surfaces")
@@ -194,6 +214,9 @@ def build(
         control=control,
         stiffness=stiffness,
         fit_error=regions.fit_error,
+        law=law,
+        law_constants=constants,
+        quadrature=points,
         mass_difference=difference,
         mode=mode,
         skin=Skin(

@@ -65,7 +65,12 @@ def build(arguments: argparse.Namespace) -> int:
     with replacing(output, "the output") as partial, console.status("reading the volume") as status:
         with printed_notices():
             volume = read_volume(
-                arguments.volume, materials, spacing=arguments.spacing, voxels=arguments.voxels, scale=scale
+                arguments.volume,
+                materials,
+                spacing=arguments.spacing,
+                voxels=arguments.voxels,
+                scale=scale,
+                drop_unknown=arguments.drop_unknown,
             )
         if arguments.largest:
             volume = largest_piece(volume)
@@ -78,6 +83,10 @@ def build(arguments: argparse.Namespace) -> int:
             weights=arguments.weights,
             subdivisions=arguments.subdivisions,
             relax=arguments.relax,
+            law=arguments.law,
+            mass=arguments.mass,
+            mode=arguments.mode,
+            damping=arguments.damping,
             progress=status.update,
         )
         status.update("writing")
@@ -224,7 +233,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
     command.add_argument(
-        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the meshes' convex hull: flesh around bones"
+        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the convex hull: flesh around bones"
     )
     command.add_argument(
         "--spacing", type=_spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
@@ -233,9 +242,29 @@ def _parser() -> argparse.ArgumentParser:
     units = command.add_mutually_exclusive_group()
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
     units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
+    command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
-        "--frame-type", choices=("affine", "quadratic"), default="affine", help="of all frames (default %(default)s)"
+        "--frame-type", choices=("affine", "quadratic", "rigid", "point"), default="affine",
+        help="of all frames (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--law", choices=("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"),
+        default="corotational", help="of elasticity (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--mass", choices=("lumped", "consistent"), default="lumped", help="mass matrix (default %(default)s)"
+    )
+    command.add_argument(
+        "--mode", choices=("implicit", "explicit"), default="implicit",
+        help="explicit needs small steps and allows RK4 (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--damping",
+        type=_rates,
+        default=(0.0, 0.0),
+        metavar="ALPHA,BETA",
+        help="Rayleigh's, [1/s] and [s] (default 0,0)",
     )
     command.add_argument(
         "--weights", choices=("voronoi", "harmonic", "linear"), default="voronoi", help="(default %(default)s)"
@@ -306,6 +335,16 @@ def _spacing(text: str) -> tuple[float, ...]:
     if len(values) not in (1, 3) or not all(math.isfinite(value) and value > 0 for value in values):
         raise argparse.ArgumentTypeError(f"{text!r} is not one length in metres or three with commas between")
     return values * (3 // len(values))
+
+
+def _rates(text: str) -> tuple[float, float]:
+    try:
+        alpha, beta = (float(part) for part in text.split(","))
+    except ValueError:
+        alpha = beta = math.nan
+    if not (math.isfinite(alpha) and math.isfinite(beta) and min(alpha, beta) >= 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not two rates ≥ 0 with a comma between")
+    return alpha, beta
 
 
 def _factor(text: str) -> float:

@@ -11,6 +11,7 @@ from mjframes.asset import lower_triangle
 from mjframes.body import SoftBody
 from mjframes.carriers import Carrier
 from mjframes.constants import FORMAT_VERSION
+from mjframes.quadrature import Quadrature
 from mjframes.stiffness import shows_rotations
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
@@ -29,6 +30,11 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "region_point",
     "region_gradient",
     "region_stiffness",
+    "law_constants",
+    "quadrature_count",
+    "quadrature_volume",
+    "quadrature_material",
+    "quadrature_gradient",
     "region_mass",
     "region_enlargement",
     "contact_radius",
@@ -57,13 +63,9 @@ def configuration(
             rest[carrier.points] = carrier.pose[1]
         else:
             offset[carrier.points] = carrier.local(rest[carrier.points])
-    gradients = [
-        shows_rotations(gradient, rest[points])
-        for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
-    ]
     values = {
         "version": str(FORMAT_VERSION),
-        "law": "corotational",
+        "law": body.law,
         "mode": body.mode,
         "alpha": repr(body.damping[0]),
         "beta": repr(body.damping[1]),
@@ -73,9 +75,8 @@ def configuration(
         "point_mass": encode(mass),
         "region_size": encode([len(points) for points in stiffness.points]),
         "region_point": encode(np.concatenate(stiffness.points)),
-        "region_gradient": encode(np.concatenate(gradients)),
-        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix])),
     }
+    values |= _corotational(body, rest) if body.quadrature is None else _hyperelastic(body, body.quadrature, rest)
     if offset.any():
         values["point_offset"] = encode(offset)
     if branch.any():
@@ -84,6 +85,33 @@ def configuration(
     if body.mass_difference:
         values["region_mass"] = encode(np.concatenate([lower_triangle(matrix) for matrix in body.mass_difference]))
     return values | (_contact(body, patches) if patches else {})
+
+
+def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
+    stiffness = body.stiffness
+    gradients = [
+        shows_rotations(gradient, rest[points])
+        for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
+    ]
+    return {
+        "region_gradient": encode(np.concatenate(gradients)),
+        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix])),
+    }
+
+
+def _hyperelastic(body: SoftBody, quadrature: Quadrature, rest: np.ndarray) -> dict[str, str]:
+    gradients = [
+        shows_rotations(at_point, rest[points]).ravel()
+        for points, gradient in zip(quadrature.points, quadrature.gradient, strict=True)
+        for at_point in gradient
+    ]
+    return {
+        "law_constants": encode(body.law_constants),
+        "quadrature_count": encode([len(volume) for volume in quadrature.volume]),
+        "quadrature_volume": encode(np.concatenate(quadrature.volume)),
+        "quadrature_material": encode(np.concatenate(quadrature.material).astype(int)),
+        "quadrature_gradient": encode(np.concatenate(gradients)),
+    }
 
 
 def enlargement(branch: np.ndarray) -> float:

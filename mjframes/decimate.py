@@ -47,29 +47,24 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, target_vertices: int) -> t
 def _collapse(x, faces, quadric, length, target):
     """Collapse edges in place; returns which faces are left."""
     alive = np.ones(len(faces), np.bool_)
-    # the corners 3 f + c around each vertex, as linked lists: joining two vertices joins their lists
-    first = np.full(len(x), -1, np.int64)
-    last = np.full(len(x), -1, np.int64)
-    following = np.full(3 * len(faces), -1, np.int64)
-    for corner in range(3 * len(faces)):
-        v = faces[corner // 3, corner % 3]
-        if first[v] < 0:
-            first[v] = corner
-        else:
-            following[last[v]] = corner
-        last[v] = corner
+    first, last = np.empty((2, len(x)), np.int64)
+    following = np.empty(3 * len(faces), np.int64)
     mark = np.zeros(len(x), np.int64)
     stamp = 0
     count = len(x)
     limit = FIRST_LENGTH * length
     for _ in range(PASSES):
-        for f in range(len(faces)):
+        left = np.flatnonzero(alive)
+        _list_corners(left, faces, first, last, following)
+        for f in left:
             for c in range(3):
                 if count <= target:
                     return alive
                 u, v = faces[f, c], faces[f, (c + 1) % 3]
+                if not alive[f] or u > v:
+                    continue
                 edge = x[v] - x[u]
-                if not alive[f] or u > v or edge @ edge > limit * limit:
+                if edge @ edge > limit * limit:
                     continue
                 stamp += 2
                 if _common_neighbours(u, v, faces, alive, first, following, mark, stamp) != 2:
@@ -96,6 +91,21 @@ def _collapse(x, faces, quadric, length, target):
                 count -= 1
         limit *= LENGTH_GROWTH
     return alive
+
+
+@njit(cache=True)
+def _list_corners(left, faces, first, last, following):
+    """The corners 3 f + c around each vertex as linked lists, of the faces left; joining vertices joins their lists."""
+    first[:] = -1
+    for f in left:
+        for c in range(3):
+            corner, v = 3 * f + c, faces[f, c]
+            if first[v] < 0:
+                first[v] = corner
+            else:
+                following[last[v]] = corner
+            following[corner] = -1
+            last[v] = corner
 
 
 @njit(cache=True)

@@ -2,7 +2,7 @@
 
 1: {name: flesh, young: 3e4, poisson: 0.45, density: 1050, rgba: [0.8, 0.3, 0.3]}   # label 1, or the first mesh
 2: {name: bone, rigid: true, density: 1900}
-fill: {name: fat, young: 1e4, poisson: 0.45, density: 920}   # between meshes: the rest of their convex hull
+fill: {name: fat, young: 1e4, poisson: 0.45, density: 920}   # the rest of the convex hull
 """
 
 from __future__ import annotations
@@ -37,15 +37,19 @@ def read_volume(
     spacing: Sequence[float] | None,
     voxels: int | None,
     scale: float | None,
+    drop_unknown: bool = False,
 ) -> Volume:
     """The volume in one label image, or in one or more meshes, each with the material of its place.
 
     spacing: (3,) [m].  voxels: about how many to have inside.  scale: [m] that a unit of the meshes is long.
+    drop_unknown: an image's labels without a material are outside.
     Raises MjframesError for what cannot be read or does not go together.
     """
     is_mesh = [Path(file).suffix.lower() in MESH_TYPES for file in files]
     if not any(is_mesh):
-        return _read_image(files, materials, spacing, voxels, scale)
+        return _read_image(files, materials, spacing, voxels, scale, drop_unknown)
+    if drop_unknown:
+        raise MjframesError(f"{files[0]}: --drop-unknown is for label images; every mesh needs a material.")
     if not all(is_mesh):
         other = files[is_mesh.index(False)]
         raise MjframesError(f"{other}: meshes are given and this is none; give either one label image or meshes.")
@@ -157,12 +161,15 @@ def _read_image(
     spacing: Sequence[float] | None,
     voxels: int | None,
     scale: float | None,
+    drop_unknown: bool,
 ) -> Volume:
     if len(files) > 1:
         raise MjframesError(f"{files[1]}: there is more than one label image; give one, or meshes.")
-    if materials.fill is not None:
-        raise MjframesError(f"{files[0]}: a label image has no rest to fill; --fill and 'fill' are for meshes.")
     if scale is not None:
         raise MjframesError(f"{files[0]}: --unit and --scale are for meshes; set an image's voxel size with --spacing.")
-    volume = Volume.from_labels(files[0], spacing=spacing, materials=materials.by_label or None)
+    volume = Volume.from_labels(
+        files[0], spacing=spacing, materials=materials.by_label or None, drop_unknown=drop_unknown
+    )
+    if materials.fill is not None:
+        volume = volume.filled(materials.fill)
     return volume if voxels is None else volume.resample(voxels)

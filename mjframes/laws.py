@@ -14,8 +14,9 @@ Index letters: q deformation gradient; r, s its rows; a, b its columns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,12 @@ def law_parameters(law: Law, material: Material, **given: float) -> LawParameter
     return made
 
 
+def law_of_constants(law: str, constants: Sequence[float]) -> LawParameters:
+    """The parameters from what `constants` gave."""
+    names = ("c10", "c01", "bulk") if law == "mooney_rivlin" else ("mu", "segments", "bulk")
+    return LawParameters(cast(Law, law), **dict(zip(names, constants, strict=True)))
+
+
 def _require(made: LawParameters, name: str, value: float, holds: bool, condition: str) -> None:
     if not holds:
         raise MjframesError(f"{name} of law {made.law!r} is {value:g}; it must be {condition}.")
@@ -143,9 +150,13 @@ def hessian(parameters: LawParameters, F: Array) -> Array:
 
 
 def projected_hessian(parameters: LawParameters, F: Array) -> Array:
-    """The positive semi-definite matrices (q, 9, 9) [Pa] closest to ∂P/∂F."""
+    """∂P/∂F (q, 9, 9) [Pa] with the magnitudes of its eigenvalues, positive semi-definite.
+
+    With zero for negative ones a crumpled body has nothing but its mass against a large force there, and large steps
+    throw it apart (Chen et al., Stabler Neo-Hookean Simulation, SIGGRAPH 2024).
+    """
     values, vectors = np.linalg.eigh(hessian(parameters, F))
-    return np.einsum("qen,qn,qfn->qef", vectors, np.maximum(values, 0), vectors)
+    return np.einsum("qen,qn,qfn->qef", vectors, np.abs(values), vectors)
 
 
 def cauchy_stress(parameters: LawParameters, F: Array) -> Array:

@@ -11,6 +11,8 @@ Shapes: x, rest, gradient (m, 3); K_e (3m, 3m), degrees of freedom point by poin
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,3 +68,21 @@ def region_response(
     turn = np.kron(np.eye(len(x)), rotation)
     force = -turn @ projection.T @ stiffness @ y
     return force.reshape(-1, 3), turn @ projection.T @ stiffness @ projection @ turn.T
+
+
+@dataclass(frozen=True, eq=False)
+class CorotationalRegion:
+    """points: (m,) its control points.  rest: x̄ (m, 3) [m].  gradient: ḡ (m, 3) [1/m].  stiffness: K_e [N/m]."""
+
+    points: NDArray[np.int64]
+    rest: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+
+    def energy(self, x: NDArray[np.float64]) -> float:
+        """[J] with the region's control points at x (m, 3) [m]."""
+        return region_energy(x, self.rest, self.gradient, self.stiffness)
+
+    def response(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Elastic force (m, 3) [N] and stiffness (3m, 3m) [N/m]."""
+        return region_response(x, self.rest, self.gradient, self.stiffness)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -228,12 +229,16 @@ def _add_patches(
 
 
 def _add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], name: str) -> None:
-    """One skin for each material that is seen; its bones are the bodies, each with its points' weights."""
+    """One skin for each label that is seen, named after its material, if that is its alone.
+
+    Its bones are the bodies, each with the weights of the points that ride on it.
+    """
     skin = body.skin
     bone_of = np.empty(len(body.control.frame), int)
     for c, carrier in enumerate(carried):
         bone_of[carrier.points] = c
     gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
+    names = Counter(["", "", *(body.materials[int(label)].name for label in np.unique(skin.label))])  # "" is no name
     for label in np.unique(skin.label):
         faces = skin.faces[skin.label == label]
         used, local = np.unique(faces, return_inverse=True)
@@ -244,7 +249,7 @@ def _add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], 
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
         spec.add_skin(
-            name=f"{name}_{material.name or label}",
+            name="_".join(filter(None, [name, material.name, "" if names[material.name] == 1 else str(label)])),
             vert=skin.vertices[used].ravel(),
             face=local.ravel(),
             rgba=material.rgba,

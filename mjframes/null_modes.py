@@ -9,6 +9,7 @@ qᵀx = 0 at rest, in rigid motion and in uniform strain.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,23 +21,29 @@ from mjframes.stiffness import Stiffness
 NULL = 1e-9  # [-] eigenvalue, to the largest of the scaled matrix, that counts as zero; rounding leaves about 1e-14
 
 
-def null_modes(stiffness: Stiffness, control: ControlPoints) -> NDArray[np.float64]:
-    """(z, k) vectors, one number a control point, that strain no region in any direction; without the constant one."""
+def null_modes(stiffness: Stiffness, control: ControlPoints, rigid: Sequence[int] = ()) -> NDArray[np.float64]:
+    """(z, k) vectors, one number a control point, that strain no region in any direction; without the constant one.
+
+    rigid: frames that cannot be strained: their points move alike.
+    """
     k = len(control.frame)
+    alike = np.where(np.isin(control.frame, rigid), k + control.frame, np.arange(k))
+    merge = (alike[:, None] == np.unique(alike)).astype(float)
     total = np.zeros((k, k))
     for points, matrix in zip(stiffness.points, stiffness.matrix, strict=True):
         total[np.ix_(points, points)] += sum(matrix[a::3, a::3] for a in range(3))
+    total = merge.T @ total @ merge
     scale = 1 / np.sqrt(np.diagonal(total))
     value, vector = np.linalg.eigh(total * scale * scale[:, None])
-    found = scale[:, None] * vector[:, value < NULL * value[-1]]
+    found = merge @ (scale[:, None] * vector[:, value < NULL * value[-1]])
     basis, size, _ = np.linalg.svd(found - found.mean(axis=0), full_matrices=False)  # one direction less
     # Without a null mode what remains of the constant is rounding alone: measured against what was found, not itself.
     return basis[:, size > NULL**0.5 * np.linalg.norm(found)].T
 
 
-def hold_null_modes(stiffness: Stiffness, control: ControlPoints) -> Stiffness:
+def hold_null_modes(stiffness: Stiffness, control: ControlPoints, rigid: Sequence[int] = ()) -> Stiffness:
     """The same with a stiffness of the size of K_e's mean diagonal against each null mode."""
-    modes = null_modes(stiffness, control)
+    modes = null_modes(stiffness, control, rigid)
     matrices = list(stiffness.matrix)
     for i in range(len(modes)):
         parts = [_across_linear(modes[i, points], control.rest[points]) for points in stiffness.points]

@@ -9,8 +9,9 @@ Green and Lagrange's. Since Σ_i w_i = 1, uniform deformations are exact at ever
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from mjframes.control import ControlPoints, points_of
 from mjframes.errors import MjframesError
 from mjframes.gradients import product_rule
 from mjframes.grid import Grid
+from mjframes.laws import Law, LawParameters, law_parameters
 from mjframes.moments import inside, mean_monomials, rule
 from mjframes.regions import Regions, members_of
 from mjframes.threads import in_parallel
@@ -30,6 +32,7 @@ Array = NDArray[np.float64]
 Strain = Literal["corotational", "green_lagrange"]
 
 SHARE = 1 << 15  # [voxels] that one thread sums up at a time
+TURNS = 1e-6  # [-] of F at rest: what weights left out for being negligible may cost
 CONSTANT = 1e-9  # [-] change of weights across a cell below which they count as constant
 SQUARES = [9, 6, 4]  # places of x², y², z² among the monomials of degree ≤ 2
 ENERGY_ORDER: dict[Strain, int] = {"corotational": 2, "green_lagrange": 4}  # Table 1: degree of f over that of F
@@ -99,6 +102,31 @@ def quadrature(
             np.repeat([cells[k].material for k in some], [len(made[k][1]) for k in some]) for some in of_region
         ),
     )
+
+
+def parameters(law: str, grid: Grid, given: Mapping[int, Mapping[str, float]]) -> tuple[LawParameters, ...]:
+    """The law's constants for each material of the grid's table; given: some of them, by label.
+
+    Raises MjframesError for labels that are not there and for constants that the law cannot have.
+    """
+    if unknown := sorted(set(given) - set(map(int, grid.labels))):
+        raise MjframesError(f"law_constants has the label {unknown[0]}; the labels are {list(map(int, grid.labels))}.")
+    return tuple(
+        law_parameters(cast(Law, law), material, **given.get(int(label), {}))
+        for label, material in zip(grid.labels, grid.table, strict=True)
+    )
+
+
+def require_turning(points: Quadrature, control: ControlPoints, law: str) -> Quadrature:
+    """The same. Raises MjframesError where some frames cannot turn: the law would take a rotation for a strain."""
+    for members, gradient in zip(points.points, points.gradient, strict=True):
+        identity = np.einsum("jr,qja->qra", control.rest[members], gradient)
+        if np.abs(identity - np.eye(3)).max() > TURNS:
+            raise MjframesError(
+                f"frame_type has 'point' frames, which cannot turn: the law {law!r} would take a rotation for a "
+                "strain; use other frames, or the corotational law."
+            )
+    return points
 
 
 def _linear_weights(

@@ -163,7 +163,7 @@ def _pieces(
             split.append((e, np.concatenate(minor), False))
 
     def fit(part: tuple[int, NDArray[np.int32], bool]) -> Array | None:
-        return _linear_fit(grid, weights, part[1], frames[part[0]]) if part[2] else None
+        return _linear_fit(grid, weights, part[1], frames[part[0]], component) if part[2] else None
 
     fits = list(in_parallel(fit, split))
     uneven = sum(len(part[1]) for part, even in zip(split, fits, strict=True) if part[2] and even is None)
@@ -177,10 +177,15 @@ def _pieces(
 
 
 def _linear_fit(
-    grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32], frames: NDArray[np.int64]
+    grid: Grid,
+    weights: sparse.csr_array,
+    voxels: NDArray[np.int32],
+    frames: NDArray[np.int64],
+    component: NDArray[np.int32],
 ) -> Array | None:
     """Constant and slope (4, f) [1, 1/m] of the weights' least-squares fit about the mean centre.
 
+    Across a layer of one voxel no fit can see a slope: there it is the mean of the voxels' own.
     None where material or weights vary so much that neither the fit nor monomials are enough.
     """
     young = grid.per_material("young")[np.unique(grid.material[voxels])]
@@ -191,7 +196,12 @@ def _linear_fit(
     mean = share @ dense
     centers -= share @ centers
     moment = centers.T @ dense
+    extent, axes = np.linalg.eigh(centers.T @ centers)
+    flat = axes[:, extent <= FLAT * extent[-1]]
     slope = np.linalg.pinv(centers.T @ centers, rcond=FLAT, hermitian=True) @ moment
+    if flat.size:
+        own = weight_gradients(grid, weights, voxels, frames, component).mean(axis=0)
+        slope += flat @ flat.T @ own.T
     square = share @ np.einsum("vi,vi->v", dense, dense) - mean @ mean - np.sum(slope * moment) / len(voxels)
     return np.vstack([mean, slope]) if square < NEARLY_LINEAR**2 else None
 

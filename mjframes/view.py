@@ -11,7 +11,9 @@ import numpy as np
 from mjframes.asset import triangles
 from mjframes.configuration import ATTRIBUTES, decode
 from mjframes.errors import MjframesError
-from mjframes.mechanics import region_energy, region_response
+from mjframes.hyperelastic import HyperelasticRegion
+from mjframes.laws import law_of_constants
+from mjframes.mechanics import CorotationalRegion
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,23 +35,45 @@ class Soft:
         return decode(self.configuration["point_rest"]).reshape(-1, 3)
 
     @cached_property
-    def regions(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each region its control points (m,), ḡ (m, 3) [1/m] and K_e (3m, 3m) [N/m]."""
-        size = decode(self.configuration["region_size"]).astype(int)
-        ends = np.cumsum(size)[:-1]
-        points = np.split(decode(self.configuration["region_point"]), ends)
-        gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), ends)
-        matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * size)
-        return list(zip(points, gradients, matrices, strict=True))
+    def regions(self) -> list[CorotationalRegion] | list[HyperelasticRegion]:
+        """The elastic regions; their control points are numbered as here."""
+        if self.configuration["law"] == "corotational":
+            gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
+            matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
+            parts = zip(self._points, gradients, matrices, strict=True)
+            return [CorotationalRegion(points, self.rest[points], g, matrix) for points, g, matrix in parts]
+        constants = decode(self.configuration["law_constants"]).reshape(-1, 3)
+        laws = tuple(law_of_constants(self.configuration["law"], some) for some in constants.tolist())
+        count = decode(self.configuration["quadrature_count"]).astype(int)
+        ends = np.cumsum(count)[:-1]
+        volumes = np.split(decode(self.configuration["quadrature_volume"]), ends)
+        materials = np.split(decode(self.configuration["quadrature_material"]), ends)
+        sizes = 3 * count * self._sizes
+        gradients = np.split(decode(self.configuration["quadrature_gradient"]), np.cumsum(sizes)[:-1])
+        return [
+            HyperelasticRegion(points, gradient.reshape(-1, len(points), 3), volume, material, laws)
+            for points, gradient, volume, material in zip(self._points, gradients, volumes, materials, strict=True)
+        ]
+
+    @cached_property
+    def _sizes(self) -> np.ndarray:
+        return decode(self.configuration["region_size"]).astype(int)
+
+    @property
+    def _ends(self) -> np.ndarray:
+        return np.cumsum(self._sizes)[:-1]
+
+    @cached_property
+    def _points(self) -> list[np.ndarray]:
+        return np.split(decode(self.configuration["region_point"]).astype(int), self._ends)
 
     @cached_property
     def mass_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Consistent minus lumped mass: of each region its control points (m,) and (m, m) [kg]; none if lumped."""
         if "region_mass" not in self.configuration:
             return []
-        size = decode(self.configuration["region_size"]).astype(int)
-        matrices = triangles(decode(self.configuration["region_mass"]), size)
-        return list(zip([points for points, _, _ in self.regions], matrices, strict=True))
+        matrices = triangles(decode(self.configuration["region_mass"]), self._sizes)
+        return list(zip(self._points, matrices, strict=True))
 
     @cached_property
     def offset(self) -> np.ndarray:
@@ -87,7 +111,7 @@ class Soft:
     def elastic_energy(self) -> float:
         """[J]"""
         x = self.control_positions
-        return sum(region_energy(x[p], self.rest[p], g, K) for p, g, K in self.regions)
+        return sum(region.energy(x[region.points]) for region in self.regions)
 
     @property
     def kinetic_energy(self) -> float:
@@ -102,8 +126,8 @@ class Soft:
     def elastic_forces(self) -> np.ndarray:
         """(k, 3) on the control points, in the world [N]."""
         x, forces = self.control_positions, np.zeros((len(self.bodies), 3))
-        for points, gradient, matrix in self.regions:
-            forces[points] += region_response(x[points], self.rest[points], gradient, matrix)[0]
+        for region in self.regions:
+            forces[region.points] += region.response(x[region.points])[0]
         return forces
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjframes.constants import VOLUME_VERSION
 from mjframes.errors import MjframesError
+from mjframes.hull import in_convex_hull
 from mjframes.images import LabelImage, read_image, write_materials
 from mjframes.material import Material
 
@@ -70,6 +71,7 @@ class Volume:
         spacing: ArrayLike | None = None,
         materials: Mapping[int, Material] | None = None,
         origin: ArrayLike | None = None,
+        drop_unknown: bool = False,
     ) -> Volume:
         """A volume from an array of labels or from a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd).
 
@@ -77,6 +79,7 @@ class Volume:
         spacing: voxel size [m], one number or three; an array needs it, a file's own is overridden by it.
         materials: one for every label that occurs; a file saved with materials needs none, or has them replaced.
         origin: (3,) [m], corner of voxel (0, 0, 0); default the file's, else 0.
+        drop_unknown: labels without a material are outside, such as a segmentation's noise; else they are refused.
         An image's coordinates are kept as they are (NIfTI: RAS; NRRD: its `space`). Where its axes are left-handed,
         one array axis is reversed; sheared axes are refused.
         Raises MjframesError for all that cannot be used.
@@ -103,6 +106,8 @@ class Volume:
         found = materials if materials is not None else image.materials or {}
         if not isinstance(found, Mapping):
             raise MjframesError(f"materials is {found!r}; it must map labels to Material, as in {{1: Material(...)}}.")
+        if drop_unknown:
+            array[np.isin(array, list(set(_occurring(array)) - set(found)))] = 0
         try:
             return cls(np.ascontiguousarray(array), step, corner, axes, dict(found))
         except MjframesError as error:
@@ -196,6 +201,18 @@ class Volume:
         corner = self.origin + self.axes @ (extents - np.array(labels.shape) * step) / 2
         return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
 
+    def filled(self, material: Material) -> Volume:
+        """The volume with `material` in all of its convex hull that was outside: flesh around bones.
+
+        It gets the label after the highest one, of those present and those with a material.
+        """
+        label = max(*_occurring(self.labels), *self.materials) + 1
+        if label > LARGEST_LABEL:
+            raise MjframesError(f"the highest label is {label - 1}; the next, for what is filled, is too large.")
+        labels = self.labels.astype(np.promote_types(self.labels.dtype, np.min_scalar_type(label)))
+        labels[in_convex_hull(labels != 0) & (labels == 0)] = label
+        return replace(self, labels=labels, materials=self.materials | {label: material})
+
     def largest_component(self) -> Volume:
         """The volume without all pieces but the one with the most voxels (26 neighbours)."""
         pieces, sizes = _components(self.labels)
@@ -209,7 +226,8 @@ def require_connected(volume: Volume) -> None:
         shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
         raise MjframesError(
             f"labels have {len(sizes)} unconnected pieces, sizes {shown} voxels; "
-            "keep the largest with volume.largest_component() or --largest, or bridge them."
+            "keep the largest with volume.largest_component() or --largest, or fill what is between them with "
+            "volume.filled(material) or --fill."
         )
 
 
@@ -238,7 +256,10 @@ def _check_materials(present: list[int], materials: Mapping[int, Material]) -> N
             raise MjframesError(f"materials has {label!r}: {material!r}; it must map positive labels to Material.")
     if missing := [label for label in present if label not in materials]:
         which = f"label {missing[0]} has" if len(missing) == 1 else f"labels {', '.join(map(str, missing))} have"
-        raise MjframesError(f"{which} no material; give one in materials={{label: Material(...)}} or set them to 0.")
+        raise MjframesError(
+            f"{which} no material; give one in materials={{label: Material(...)}} or with --material, "
+            "or leave such voxels out with drop_unknown=True or --drop-unknown."
+        )
 
 
 def _array(labels: ArrayLike) -> NDArray[Any]:

@@ -9,8 +9,9 @@
 //   A_ii = 2 f' + 4 f'' σ_i² + 2 c₂ (I₁ − σ_i²) + κ (J/σ_i)²,   A_ij = 4 (f'' + c₂) σ_i σ_j + κ (J/σ_i)(J/σ_j) + g'
 //   σ_k, twist, flip = 2 f' + 2 c₂ (σ_k² ± σ_i σ_j) ± g' σ_k.
 //
-// These are (ψ_i ± ψ_j)/(σ_i ± σ_j) divided out, so that equal and opposite σ are no special case. Negative eigenvalues
-// become zero, which leaves the closest positive semi-definite Hessian.
+// These are (ψ_i ± ψ_j)/(σ_i ± σ_j) divided out, so that equal and opposite σ are no special case. Eigenvalues are
+// taken by their magnitude (Chen et al., Stabler Neo-Hookean Simulation, 2024): with zero for negative ones a crumpled
+// body had nothing but its mass against a large force there, and steps of 4 ms threw it apart.
 
 #ifndef MJFRAMES_PLUGIN_HESSIAN_H_
 #define MJFRAMES_PLUGIN_HESSIAN_H_
@@ -63,7 +64,7 @@ MJFRAMES_INLINE void FirstPiola(const Lanes* F, const Invariants& is, const Slop
   }
 }
 
-// A⁺, the symmetric A (row major) without its negative eigenvalues, in place.
+// |A|, the symmetric A (row major) with the magnitudes of its eigenvalues, in place.
 MJFRAMES_INLINE void ProjectBlock(Lanes* A) {
   // A + c I is positive, so that its singular vectors are A's eigenvectors
   Lanes square = Fill(0), B[9], V[9];
@@ -74,7 +75,7 @@ MJFRAMES_INLINE void ProjectBlock(Lanes* A) {
   Lanes excess[3];  // what to add to each eigenvalue
   for (int c = 0; c < 3; c++) {
     const Lanes value = Sqrt(B[c] * B[c] + B[3 + c] * B[3 + c] + B[6 + c] * B[6 + c]) - shift;
-    excess[c] = Positive(-value);
+    excess[c] = 2.0 * Positive(-value);
   }
   for (int r = 0; r < 3; r++) {
     for (int s = r; s < 3; s++) {
@@ -102,7 +103,7 @@ MJFRAMES_INLINE void ProjectedHessian(const Lanes* F, const Slopes& of, Lanes* H
     A[3 * i + j] = A[3 * j + i] = mixed;
     const Lanes even = 2.0 * of.f1 + 2.0 * of.second * sigma[k] * sigma[k];
     const Lanes odd = 2.0 * of.second * product + of.g1 * sigma[k];
-    const Lanes twist = Positive(even + odd), flip = Positive(even - odd);
+    const Lanes twist = Magnitude(even + odd), flip = Magnitude(even - odd);
     same[k] = 0.5 * (flip + twist);
     crossed[k] = 0.5 * (flip - twist);
   }

@@ -36,6 +36,8 @@ MJFRAMES_INLINE Lanes Sqrt(const Lanes& a) {
 
 MJFRAMES_INLINE Lanes Abs(const Lanes& a) { return a < 0.0 ? -a : a; }
 
+MJFRAMES_INLINE Lanes Magnitude(Lanes a) { return a < 0 ? -a : a; }
+
 MJFRAMES_INLINE Lanes Positive(const Lanes& a) { return a > 0.0 ? a : Fill(0); }
 
 MJFRAMES_INLINE bool AnyPositive(const Lanes& a) { return a[0] > 0 || a[1] > 0 || a[2] > 0 || a[3] > 0; }

@@ -2,8 +2,8 @@
 //
 //   f_j = −Σ_q V_q P ∇W_j,   K_jk = Σ_q V_q ∇W_jᵀ (∂P/∂F) ∇W_k
 //
-// with ∂P/∂F projected, hence K positive semi-definite (the paper, equations (9) and (10); design: f, K of §6).
-// Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
+// with ∂P/∂F projected (hessian.h), hence K positive semi-definite (the paper, equations (9) and (10); design: f, K of
+// §6). Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
 
 #ifndef MJFRAMES_PLUGIN_QUADRATURE_H_
 #define MJFRAMES_PLUGIN_QUADRATURE_H_

@@ -30,7 +30,12 @@ constexpr const char* kAttributes[] = {
     "region_point",
     "region_gradient",
     "region_stiffness",
-    "region_mass",  // consistent minus lumped mass, lower triangles [kg]
+    "law_constants",      // of each material            (materials × 3)
+    "quadrature_count",   // of each region
+    "quadrature_volume",  // [m³]
+    "quadrature_material",
+    "quadrature_gradient",  // ∇W_j, point by point [1/m]
+    "region_mass",          // consistent minus lumped mass, lower triangles [kg]
     "region_enlargement",
     "contact_radius",  // [m]
     "patch_size",
@@ -43,32 +48,68 @@ constexpr const char* kAttributes[] = {
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
 
-std::vector<Region> ReadRegions(Kinematics* kinematics, std::vector<double>* mass_difference, Reader* reader) {
-  const std::vector<ControlPoint>& points = kinematics->points();
+// The control points of each region, and the pairs that their blocks belong to.
+struct Coupling {
+  std::vector<int32_t> point;  // ancestors first  (m)
+  std::vector<int32_t> pair;   // (j, k ≤ j)       (m(m+1)/2)
+};
+
+std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>* mass_difference, Reader* reader) {
   const auto size = reader->Array<int32_t>("region_size");
   const auto point = reader->Array<int32_t>("region_point");
-  const auto gradient = reader->Array<double>("region_gradient");
-  const auto stiffness = reader->Array<double>("region_stiffness");
-  const auto enlargement = reader->ArrayOr<double>("region_enlargement", 1, size.size());
   std::vector<double> difference;
   if (reader->Has("region_mass")) difference = reader->Array<double>("region_mass");
-  size_t p = 0, s = 0, block = 0;
-  std::vector<Region> regions;
+  const int points = static_cast<int>(kinematics->points().size());
+  size_t p = 0, block = 0;
+  std::vector<Coupling> couplings;
   for (const int32_t m : size) {
-    const size_t n = 3 * static_cast<size_t>(std::max(m, 0));
-    if (!reader->Check(
-            m > 0 && p + m <= point.size() && 3 * (p + m) <= gradient.size() && s + n * (n + 1) / 2 <= stiffness.size(),
-            "its region arrays do not match each other")) {
-      return {};
-    }
-    Region region;
-    region.point.assign(point.begin() + p, point.begin() + p + m);
-    for (const int32_t j : region.point) {
-      if (!reader->Check(j >= 0 && j < static_cast<int>(points.size()),
+    if (!reader->Check(m > 0 && p + m <= point.size(), "its region arrays do not match each other")) return {};
+    Coupling coupling;
+    coupling.point.assign(point.begin() + p, point.begin() + p + m);
+    for (int j = 0; j < m; j++) {
+      if (!reader->Check(coupling.point[j] >= 0 && coupling.point[j] < points,
                          "a region's control points are not those of the body")) {
         return {};
       }
+      for (int k = 0; k <= j; k++) {
+        int pair = -1;
+        if (!reader->Check(kinematics->Couple(coupling.point[j], coupling.point[k], &pair),
+                           "a region's control points are not on one path of the tree")) {
+          return {};
+        }
+        coupling.pair.push_back(pair);
+        mass_difference->resize(kinematics->pairs().size(), 0.0);
+        if (difference.empty()) continue;
+        if (!reader->Check(block < difference.size(), "region_mass has too few values")) return {};
+        (*mass_difference)[pair] += difference[block++];
+      }
     }
+    p += m;
+    couplings.push_back(std::move(coupling));
+  }
+  reader->Check(!couplings.empty(), "it has no regions");
+  return couplings;
+}
+
+// Law `corotational`.
+std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const std::vector<ControlPoint>& points,
+                                Reader* reader) {
+  const auto gradient = reader->Array<double>("region_gradient");
+  const auto stiffness = reader->Array<double>("region_stiffness");
+  const auto enlargement = reader->ArrayOr<double>("region_enlargement", 1, couplings.size());
+  if (!reader->ok()) return {};
+  size_t p = 0, s = 0;
+  std::vector<Region> regions;
+  for (const Coupling& coupling : couplings) {
+    const int m = static_cast<int>(coupling.point.size());
+    const size_t n = 3 * static_cast<size_t>(m);
+    if (!reader->Check(3 * (p + m) <= gradient.size() && s + n * (n + 1) / 2 <= stiffness.size(),
+                       "its region arrays do not match each other")) {
+      return {};
+    }
+    Region region;
+    region.point = coupling.point;
+    region.pair = coupling.pair;
     region.enlargement = enlargement[regions.size()];
     Vec3 mean{};
     for (const int32_t j : region.point) mean = mean + (1.0 / m) * points[j].rest;
@@ -92,23 +133,45 @@ std::vector<Region> ReadRegions(Kinematics* kinematics, std::vector<double>* mas
           region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
               region.stiffness[(3 * j + e / 3) * n + 3 * k + e % 3];
         }
-        int pair = -1;
-        if (!reader->Check(kinematics->Couple(region.point[j], region.point[k], &pair),
-                           "a region's control points are not on one path of the tree")) {
-          return {};
-        }
-        mass_difference->resize(kinematics->pairs().size(), 0.0);
-        if (!difference.empty()) {
-          if (!reader->Check(block < difference.size(), "region_mass has too few values")) return {};
-          (*mass_difference)[pair] += difference[block++];
-        }
-        region.pair.push_back(pair);
       }
     }
     p += m;
     regions.push_back(std::move(region));
   }
-  reader->Check(!regions.empty(), "it has no regions");
+  return regions;
+}
+
+// The other laws.
+std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& couplings, Law law, Reader* reader) {
+  const auto constants = reader->Array<double>("law_constants");
+  const auto count = reader->Array<int32_t>("quadrature_count");
+  const auto volume = reader->Array<double>("quadrature_volume");
+  const auto material = reader->Array<int32_t>("quadrature_material");
+  const auto gradient = reader->Array<double>("quadrature_gradient");
+  if (!reader->Check(
+          count.size() == couplings.size() && material.size() == volume.size() && constants.size() % kLawConstants == 0,
+          "its quadrature arrays do not match each other")) {
+    return {};
+  }
+  size_t first = 0, g = 0;
+  std::vector<QuadratureRegion> regions;
+  for (size_t e = 0; e < couplings.size(); e++) {
+    const size_t q = std::max(count[e], 0), length = 3 * q * couplings[e].point.size();
+    if (!reader->Check(q > 0 && first + q <= volume.size() && g + length <= gradient.size(),
+                       "its quadrature arrays do not match each other")) {
+      return {};
+    }
+    std::vector<LawParameters> parameters;
+    for (size_t i = first; i < first + q; i++) {
+      const size_t at = kLawConstants * static_cast<size_t>(std::max(material[i], 0));
+      if (!reader->Check(material[i] >= 0 && at < constants.size(), "a quadrature point has no material")) return {};
+      parameters.push_back(ParametersOf(law, constants.data() + at));
+    }
+    regions.emplace_back(law, couplings[e].point, gradient.data() + g, volume.data() + first, parameters.data(),
+                         static_cast<int>(q), couplings[e].pair);
+    first += q;
+    g += length;
+  }
   return regions;
 }
 
@@ -203,7 +266,9 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
     reader.Fail(std::string("its data has version '") + reader.Text("version") + "', this plugin reads version " +
                 kVersion + ": build it again with the mjframes that is installed");
   }
-  reader.Check(std::strcmp(reader.Text("law"), "corotational") == 0, "law has to be 'corotational'");
+  const std::optional<Law> law = LawOfName(reader.Text("law"));
+  reader.Check(law || std::strcmp(reader.Text("law"), "corotational") == 0,
+               "law has to be 'corotational', 'green_lagrange', 'neo_hookean', 'mooney_rivlin' or 'arruda_boyce'");
   body->implicit_ = std::strcmp(reader.Text("mode"), "explicit") != 0;
   reader.Check(!body->implicit_ || std::strcmp(reader.Text("mode"), "implicit") == 0,
                "mode has to be 'implicit' or 'explicit'");
@@ -220,7 +285,10 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
     body->beta_ = reader.Number("beta");
   }
   if (reader.ok()) body->kinematics_.Create(m, instance, &reader);
-  if (reader.ok()) body->regions_ = ReadRegions(&body->kinematics_, &body->mass_difference_, &reader);
+  std::vector<Coupling> couplings;
+  if (reader.ok()) couplings = ReadCouplings(&body->kinematics_, &body->mass_difference_, &reader);
+  if (reader.ok() && law) body->quadrature_ = ReadQuadrature(couplings, *law, &reader);
+  if (reader.ok() && !law) body->regions_ = ReadRegions(couplings, body->kinematics_.points(), &reader);
   if (reader.ok()) body->AssignMass();
   if (reader.ok()) body->kinematics_.Finish(m, &reader);
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->kinematics_.points(), &reader);
@@ -251,6 +319,13 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
     largest = std::max(largest, region.size());
     if (region.enlargement != 1) body->held_.resize(9 * pairs);
   }
+  if (law && reader.Has("region_enlargement")) {
+    for (const double value : reader.Array<double>("region_enlargement")) {
+      body->enlargement_ = std::max(body->enlargement_, value);
+    }
+    body->held_.resize(9 * pairs);
+  }
+  body->quadrature_scratch_ = std::make_unique<QuadratureScratch>(body->quadrature_);
   body->scratch_ = std::make_unique<RegionScratch>(largest);
   if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m);
   return body;
@@ -307,6 +382,12 @@ void SoftBody::AddElasticity() {
     AddRegion(region, kinematics_.x().data(), R, scratch_.get(), force_.data(), stiffness ? stiffness_.data() : nullptr,
               held_.empty() ? nullptr : held_.data());
   }
+  for (const QuadratureRegion& region : quadrature_) {
+    AddQuadratureRegion(region, kinematics_.x().data(), quadrature_scratch_.get(), force_.data(),
+                        stiffness ? stiffness_.data() : nullptr);
+  }
+  if (quadrature_.empty() || held_.empty()) return;
+  std::transform(stiffness_.begin(), stiffness_.end(), held_.begin(), [this](double k) { return enlargement_ * k; });
 }
 
 // f −= rate K v + α M v; rate: h of the implicit step and Rayleigh's β

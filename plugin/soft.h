@@ -22,6 +22,7 @@
 #include "corotational.h"
 #include "kinematics.h"
 #include "linear.h"
+#include "quadrature.h"
 
 namespace mjframes {
 
@@ -53,7 +54,9 @@ class SoftBody {
   double alpha_ = 0, beta_ = 0;                            // Rayleigh damping [1/s], [s]
   double contact_radius_ = 0;                              // [m]
   Kinematics kinematics_;
-  std::vector<Region> regions_;
+  std::vector<Region> regions_;               // of the law `corotational`
+  std::vector<QuadratureRegion> quadrature_;  // of another law
+  double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
   std::vector<Patch> patches_;
   std::vector<double> mass_;             // of each pair of points [kg]
   std::vector<double> mass_difference_;  // how much of it MuJoCo does not know of: consistent minus lumped mass [kg]
@@ -64,6 +67,7 @@ class SoftBody {
   std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
   std::vector<double> added_mass_;  // of each pair: h α m + mass difference
   std::unique_ptr<RegionScratch> scratch_;
+  std::unique_ptr<QuadratureScratch> quadrature_scratch_;
   std::unique_ptr<ContactScratch> contact_scratch_;
 };
 

@@ -10,7 +10,6 @@ from shapes import mixed
 
 from mjframes.body import SoftBody, build
 from mjframes.material import Material
-from mjframes.mechanics import region_response
 from mjframes.mjcf import attach
 from mjframes.view import Soft, soft, soft_names
 from mjframes.volume import Volume
@@ -93,9 +92,9 @@ def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[
     """Elastic force (nv,) and stiffness (nv, nv) in MuJoCo's coordinates, region by region; needs mj_forward."""
     x = view.control_positions
     force, stiffness = np.zeros(x.size), np.zeros((x.size, x.size))
-    for points, gradient, matrix in view.regions:
-        f, k = region_response(x[points], view.rest[points], gradient, matrix)
-        rows = (3 * points[:, None] + np.arange(3)).ravel()
+    for region in view.regions:
+        f, k = region.response(x[region.points])
+        rows = (3 * region.points[:, None] + np.arange(3)).ravel()
         force[rows] += f.ravel()
         stiffness[np.ix_(rows, rows)] += k
     jacobian = point_jacobian(model, data, view)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from examples.kernels import NODES, plate
 from mjframes.grid import Grid, voxel_grid
 from mjframes.material import Material
 from mjframes.placement import Placement, place_frames
@@ -39,10 +40,7 @@ def mixed() -> Volume:
 
 def plate_of_figure_6() -> tuple[Grid, Placement, dict[str, np.ndarray]]:
     """A plate with an arm: the red node on the left, one to the right of the arm's foot, one at the arm's tip."""
-    labels = np.zeros((80, 60, 1), np.uint8)
-    labels[:, :20] = 1
-    labels[30:50, 20:] = 1
-    grid = voxel_grid(Volume.from_labels(labels, 0.01, MATERIALS))
+    grid = voxel_grid(plate())
     x, y, _ = grid.index.T
     places = {
         "between the nodes": (x > 12) & (x < 28),
@@ -50,8 +48,7 @@ def plate_of_figure_6() -> tuple[Grid, Placement, dict[str, np.ndarray]]:
         "arm, upper half": (y >= 41) & (y < 52),
         "right end": x >= 65,
     }
-    placement = place_frames(grid, at=[[0.085, 0.105, 0.005], [0.475, 0.105, 0.005], [0.405, 0.565, 0.005]])
-    return grid, placement, {name: np.flatnonzero(where) for name, where in places.items()}
+    return grid, place_frames(grid, at=NODES), {name: np.flatnonzero(where) for name, where in places.items()}
 
 
 def thread_of_three_arms(

@@ -238,9 +238,10 @@ def check_rows(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle, c
 @pytest.mark.parametrize("kind", ["plane", "box", "cylinder"])
 def test_rows_of_frames_that_turn_and_of_links_that_hold(kind: str, cone: str, jacobian: str) -> None:
     obstacle = OBSTACLES[kind]
-    model, data = compiled(SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict()).replace(
-        '<body name="obstacle"', '<body name="hand"><joint axis="1 0 0"/><geom size=".001" contype="0" conaffinity="0"/></body>'
-        '<body name="obstacle"'), (held_bar(), (-0.12, 0, 0), TILTED), parent="arm")  # fmt: skip
+    hand = '<body name="hand"><joint axis="1 0 0"/><geom size=".001" contype="0" conaffinity="0"/></body>'
+    xml = SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict())
+    xml = xml.replace('<body name="obstacle"', hand + '<body name="obstacle"')
+    model, data = compiled(xml, (held_bar(), (-0.12, 0, 0), TILTED), parent="arm")
     rng = np.random.default_rng(1)
     for _ in range(50):
         jumble(model, data, rng, 0.03, 0.5)

@@ -7,6 +7,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+import mjframes as mf
+from examples import kernels, knee
 from examples.steak import run, steak_scene
 from mjframes.log import read_log
 
@@ -28,3 +30,26 @@ def test_steak_leaves_film_plot_and_log(tmp_path: Path) -> None:
     assert recording.energy_gain < 1e-3  # [J]
     assert recording.penetration < 8e-3  # [m]: it lands at 1.2 m/s on contacts with a time constant of 5 ms
     assert len(read_log(tmp_path / "steak.mcap").messages["/state"]) == recording.steps
+
+
+def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
+    found = knee.run(tmp_path)
+    assert (tmp_path / "knee.png").stat().st_size > 50_000
+    assert len(found.body.parent) == 10
+    assert 20 < found.extension < 27  # [degrees]
+    assert np.abs(found.data.qvel).max() < 0.01  # [m/s]: it is held there
+    assert not any(warning.number for warning in found.data.warning)
+    x, stiffness = mf.soft(found.model, found.data, "knee").control_positions, found.body.stiffness
+    stretch = [np.linalg.det(x[p].T @ g) for p, g in zip(stiffness.points, stiffness.gradient, strict=True)]
+    assert min(stretch) > 0.05  # no region is inside out
+
+
+def test_kernels_of_figure_6(tmp_path: Path) -> None:
+    fields = kernels.run(tmp_path)
+    assert (tmp_path / "kernels.png").stat().st_size > 20_000
+    arm, right = (slice(30, 50), slice(41, 52)), (slice(65, None), slice(0, 20))
+    assert np.nanmax(fields[1][arm]) == 0  # "not guaranteed to reach all the expected regions"
+    assert np.nanmin(fields[2][arm]) > 0.03
+    assert np.nanmax(fields[2][right]) == 0
+    assert np.nanmin(fields[5][right]) > 0.06  # "unrealistically large influence regions"
+    assert np.nanmax(fields[5][right]) < 0.09

@@ -96,6 +96,19 @@ def test_meshes_get_the_materials_of_their_places() -> None:
     assert both.materials == {1: FLESH, 2: BONE}
 
 
+def test_the_rest_of_an_images_hull_can_be_filled_and_its_noise_dropped() -> None:
+    labels = np.zeros((9, 4, 4), np.uint8)
+    labels[:3], labels[6:] = 1, 1
+    labels[4, 1, 1] = 7
+    np.save("two.npy", labels)
+    options = {"spacing": (0.01,) * 3, "materials": Materials({1: BONE}, FLESH)}
+    with pytest.raises(MjframesError, match=r"label 7 has no material; .* --drop-unknown"):
+        volume("two.npy", **options)
+    filled = volume("two.npy", **options, drop_unknown=True)
+    assert [int((filled.labels == label).sum()) for label in (0, 1, 2)] == [0, 96, 48]
+    assert filled.materials == {1: BONE, 2: FLESH}
+
+
 def test_an_image_can_be_resampled() -> None:
     assert volume("labels.npy", spacing=(0.01,) * 3, voxels=512).labels.shape == (8, 8, 8)
 
@@ -106,7 +119,7 @@ def test_an_image_can_be_resampled() -> None:
         (["box.stl", "labels.npy"], {}, "labels.npy: meshes are given and this is none"),
         (["labels.npy", "labels.npy"], {}, "more than one label image"),
         (["labels.npy"], {"spacing": (1, 1, 1), "scale": 0.1}, "--unit and --scale are for meshes"),
-        (["labels.npy"], {"spacing": (1, 1, 1), "materials": Materials({1: FLESH}, FLESH)}, "no rest to fill"),
+        (["box.stl"], {"voxels": 9, "drop_unknown": True}, "every mesh needs a material"),
         (["box.stl"], {}, "--spacing METRES or --voxels N"),
         (["box.stl", "box.stl"], {}, "box.stl: mesh 2 has no material"),
         (["box.stl"], {"materials": Materials({1: FLESH, 2: BONE})}, "material 2 has no mesh"),

@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 from scenes import FLOOR, TILTED, beam, compiled, lump
 
+from mjframes.body import build
 from mjframes.configuration import ATTRIBUTES, decode, encode
 from mjframes.errors import MjframesError
+from mjframes.material import Material
 from mjframes.mjcf import attach
 from mjframes.plugin import NAME
 from mjframes.view import soft, soft_names
+from mjframes.volume import Volume
 
 PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
 
@@ -146,6 +149,17 @@ def test_without_contact_there_are_no_patches() -> None:
     assert data.ncon == 0
 
 
+def test_labels_of_one_material_have_skins_of_their_own() -> None:
+    labels = np.repeat([1, 2, 3, 4], 3)[:, None, None] * np.ones((1, 3, 3), int)
+    bone, none = Material.rigid(1900, name="bone"), Material(1e4, 0.4, 1000)
+    fat = Material(1e4, 0.4, 920, name="fat")
+    model, _ = compiled(
+        FLOOR,
+        (build(Volume.from_labels(labels, 0.01, {1: bone, 2: bone, 3: none, 4: fat}), 2), (0, 0, 1), (1, 0, 0, 0)),
+    )
+    assert [model.skin(s).name for s in range(4)] == ["soft0_bone_1", "soft0_bone_2", "soft0_3", "soft0_fat"]
+
+
 def test_skins_move_with_the_control_points() -> None:
     model, data = compiled("<mujoco/>", (lump(), (0.1, 0, 0), TILTED))
     assert model.nskin == len(lump().materials)
@@ -229,7 +243,8 @@ def edited(key: str, pattern: str, replacement: str) -> str:
 
 DAMAGED = {
     "another version": ("version", "2", "99", "its data has version '99', this plugin reads version 2"),
-    "another law": ("law", "corotational", "neo_hookean", "law has to be 'corotational'"),
+    "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
+    "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
     "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
     "no number": ("beta", "0.001", "much", "beta is 'much' but has to be a number ≥ 0"),
     "infinite damping": ("beta", "0.001", "inf", "beta is 'inf' but has to be a number ≥ 0"),

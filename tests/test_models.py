@@ -57,20 +57,56 @@ def test_steaks_muscles_meet_only_through_bone_and_fat(steak: Volume) -> None:
     assert strip_loin > 1.5 * tenderloin
 
 
-def test_steak_is_what_its_script_makes(steak: Volume) -> None:
-    spec = importlib.util.spec_from_file_location("make_steak", MODELS / "make_steak.py")
+@pytest.fixture(scope="module")
+def knee() -> Volume:
+    return Volume.from_labels(MODELS / "knee.npz")
+
+
+@pytest.mark.parametrize("name", ["steak", "knee"])
+def test_volume_is_what_its_script_makes(name: str, request: pytest.FixtureRequest) -> None:
+    shipped: Volume = request.getfixturevalue(name)
+    spec = importlib.util.spec_from_file_location(f"make_{name}", MODELS / f"make_{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    made = module.make_steak()
-    assert made.materials == steak.materials
-    assert made.labels.shape == steak.labels.shape
-    assert (made.labels != steak.labels).mean() < 1e-4  # a sine's last digit may move a voxel on another machine
-    np.testing.assert_allclose(made.origin, steak.origin, atol=1e-6)
+    made: Volume = getattr(module, f"make_{name}")()
+    assert made.materials == shipped.materials
+    assert made.labels.shape == shipped.labels.shape
+    assert (made.labels != shipped.labels).mean() < 1e-4  # a sine's last digit may move a voxel on another machine
+    np.testing.assert_allclose(made.origin, shipped.origin, atol=1e-6)
 
 
-def test_readme_counts_the_steaks_voxels(steak: Volume) -> None:
+def test_knee_is_one_piece_of_the_papers_kinds(knee: Volume) -> None:
+    require_connected(knee)
+    assert 60_000 < (knee.labels > 0).sum() < 120_000
+    assert (MODELS / "knee.npz").stat().st_size < 150_000
+    young = {m.name: m.young for m in knee.materials.values() if not m.is_rigid}
+    assert sorted(young, key=lambda name: young[name]) == ["flesh", "muscle", "cartilage", "ligament", "tendon"]
+
+
+def test_knees_bones_are_three_and_apart(knee: Volume) -> None:
+    rigid = [label for label, material in knee.materials.items() if material.is_rigid]
+    assert len(rigid) == 3
+    assert _piece_sizes(np.isin(knee.labels, rigid)) == sorted((knee.labels == label).sum() for label in rigid)
+
+
+def test_knees_tendon_spans_from_muscle_to_tibia(knee: Volume) -> None:
+    """One part above the patella, in the muscle, and one below, at the tibia; each touches the patella."""
+    names = {material.name: label for label, material in knee.materials.items()}
+    around = np.ones((3, 3, 3), bool)
+    near = {
+        name: ndimage.binary_dilation(knee.labels == names[name], around) for name in ("patella", "muscle", "femur")
+    }
+    near["tibia"] = ndimage.binary_dilation(knee.labels == names["tibia and fibula"], around)
+    parts, count = ndimage.label(knee.labels == names["tendon"], structure=around)  # pyright: ignore[reportGeneralTypeIssues]
+    touched = [{name for name, where in near.items() if (where & (parts == k + 1)).any()} for k in range(count)]
+    assert sorted(touched, key=sorted) == [{"muscle", "patella"}, {"patella", "tibia"}]
+
+
+@pytest.mark.parametrize("name", ["steak", "knee"])
+def test_readme_counts_the_voxels(name: str, request: pytest.FixtureRequest) -> None:
+    volume: Volume = request.getfixturevalue(name)
     readme = (MODELS / "README.md").read_text(encoding="utf-8")
-    for label in (FLESH, BONE, FAT):
-        assert f"| {label} | {steak.materials[label].name} | {(steak.labels == label).sum():,} |" in readme
+    for label, material in volume.materials.items():
+        assert f"| {label} | {material.name} | {(volume.labels == label).sum():,} |" in readme

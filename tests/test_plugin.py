@@ -24,7 +24,7 @@ from scenes import (
 )
 
 from mjframes.body import SoftBody
-from mjframes.mechanics import SOFT_TWIST, closest_rotation
+from mjframes.mechanics import SOFT_TWIST, CorotationalRegion, closest_rotation
 from mjframes.view import Soft, soft, soft_names
 
 BODIES = {"deep tree": lump, "branched tree": beam}
@@ -77,7 +77,7 @@ def test_rest_is_free_of_force(body: SoftBody) -> None:
 def has_soft_rotation(view: Soft) -> bool:
     """Whether some region's shape determines its rotation so badly that another rule takes over (λ > 0)."""
     x = view.control_positions
-    deformations = [x[points].T @ gradient for points, gradient, _ in view.regions]
+    deformations = [x[some.points].T @ some.gradient for some in view.regions if isinstance(some, CorotationalRegion)]
     stretches = [closest_rotation(f).T @ f for f in deformations]
     return any(np.linalg.eigvalsh(np.trace(s) * np.eye(3) - s)[0] < SOFT_TWIST for s in stretches)
 

@@ -22,6 +22,7 @@ from scenes import (
 from scipy.spatial.transform import Rotation
 
 from mjframes.errors import MjframesError
+from mjframes.mechanics import CorotationalRegion
 from mjframes.view import soft, soft_names
 
 
@@ -43,7 +44,9 @@ def test_a_view_holds_what_was_built() -> None:
         np.testing.assert_allclose(model.body_mass[view.bodies], body.control.mass, rtol=1e-5)
         assert (float(view.configuration["alpha"]), float(view.configuration["beta"])) == body.damping
         assert len(view.regions) == len(body.stiffness.points)
-        for e, (points, gradient, matrix) in enumerate(view.regions):
+        for e, region in enumerate(view.regions):
+            assert isinstance(region, CorotationalRegion)
+            points, gradient, matrix = region.points, region.gradient, region.stiffness
             np.testing.assert_array_equal(points, body.stiffness.points[e])
             np.testing.assert_allclose(gradient, body.stiffness.gradient[e], atol=1e-5 * np.abs(gradient).max())
             np.testing.assert_allclose(view.rest[points].T @ gradient, np.eye(3), atol=1e-12)

@@ -1,0 +1,161 @@
+"""Hyperelastic laws inside mj_step: the same forces and inertia as NumPy's, energy, rest, recovery from inversion."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import (
+    beam,
+    compiled,
+    dense_inertia,
+    distort,
+    implicit_step,
+    in_space,
+    jumble,
+    move_points,
+    rigid_inertia,
+)
+from scipy.spatial.transform import Rotation
+from shapes import mixed
+
+import mjframes as mf
+from mjframes.body import SoftBody
+from mjframes.laws import LAWS
+from mjframes.view import soft
+
+
+@cache
+def body(law: str) -> SoftBody:
+    types = ("affine", "quadratic", "rigid", "affine")
+    return mf.build(mixed(), 4, 6, law=law, frame_type=types, damping=(0.3, 0.001))
+
+
+@cache
+def bar(law: str, mode: str = "implicit") -> SoftBody:
+    labels = np.ones((24, 6, 6), int)
+    material = mf.Material(young=1e5, poisson=0.4, density=1000)
+    return mf.build(mf.Volume.from_labels(labels, 0.01, {1: material}), 3, 4, law=law, mode=mode)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_force_and_inertia_are_those_of_the_implicit_step(law: str) -> None:
+    model, data = in_space(body(law))
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        jumble(model, data, rng, 0.02, 0.5)
+        data.qvel[:] = rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        passive, added = implicit_step(model, data)
+        np.testing.assert_allclose(data.qfrc_passive, passive, atol=1e-9 * np.abs(passive).max())
+        expected = rigid_inertia(model, data) + added
+        np.testing.assert_allclose(dense_inertia(model, data), expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_force_is_the_slope_of_the_energy(law: str) -> None:
+    model, data = in_space(body(law))
+    view = soft(model, data, "soft0")
+    rng = np.random.default_rng(1)
+    jumble(model, data, rng, 0.02, 0.5)
+    force, start = data.qfrc_passive.copy(), data.qpos.copy()
+    direction, energy = rng.normal(size=model.nv), []
+    for step in (1e-6, -1e-6):
+        data.qpos[:] = start
+        mujoco.mj_integratePos(model, data.qpos, direction, step)
+        mujoco.mj_forward(model, data)
+        energy.append(view.elastic_energy)
+    assert (energy[0] - energy[1]) / 2e-6 == pytest.approx(-force @ direction, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_rest_and_rotations_are_free_of_force(law: str) -> None:
+    model, data = in_space(bar(law))
+    view = soft(model, data, "soft0")
+    mujoco.mj_forward(model, data)
+    firmness = np.abs(implicit_step(model, data)[1]).max() / model.opt.timestep**2
+    assert np.abs(data.qfrc_passive).max() < 1e-12 * firmness * np.ptp(view.rest)
+    turned = view.control_positions @ Rotation.from_rotvec([1, 2, -3]).as_matrix().T
+    move_points(model, data, view, turned)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qfrc_passive).max() < 1e-10 * firmness * np.ptp(view.rest)
+
+
+@pytest.mark.parametrize("h", [1 / 60, 1 / 1000])
+@pytest.mark.parametrize("law", LAWS)
+def test_scrambled_and_mirrored_it_returns(law: str, h: float) -> None:
+    model, data = in_space(bar(law))
+    model.opt.timestep = h
+    view = soft(model, data, "soft0")
+    mujoco.mj_forward(model, data)
+    size = np.linalg.norm(np.ptp(view.rest, axis=0))
+    rng = np.random.default_rng(2)
+    for mirrored in (False, True):
+        distort(model, data, rng, mirrored=mirrored)
+        energy = view.elastic_energy
+        for _ in range(int(4 / h)):
+            mujoco.mj_step(model, data)
+            data.qvel *= 0.98
+        mujoco.mj_forward(model, data)
+        assert data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number == 0
+        assert view.elastic_energy < 1e-3 * energy
+        gaps = np.linalg.norm(view.control_positions[:, None] - view.control_positions, axis=-1)
+        rest = np.linalg.norm(view.rest[:, None] - view.rest, axis=-1)
+        assert np.abs(gaps - rest).max() < 0.02 * size
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_small_strains_are_hookes(law: str) -> None:
+    energies = {}
+    for name in (law, "corotational"):
+        made = mf.build(beam_volume(), 3, 4, law=name, relax=False)
+        model, data = in_space(made)
+        view = soft(model, data, "soft0")
+        mujoco.mj_kinematics(model, data)
+        x = view.control_positions
+        stretch = np.eye(3) + 1e-4 * np.array([[1, 0.3, 0], [0.3, -0.4, 0.2], [0, 0.2, 0.5]])
+        move_points(model, data, view, x @ stretch)
+        mujoco.mj_forward(model, data)
+        energies[name] = view.elastic_energy
+    assert energies[law] == pytest.approx(energies["corotational"], rel=2e-3)
+
+
+@cache
+def beam_volume() -> mf.Volume:
+    return beam().fields.volume
+
+
+def test_constants_can_be_set_by_label() -> None:
+    plain = mf.build(beam_volume(), 3, 4, law="mooney_rivlin")
+    mu = plain.law_constants[0, :2].sum() * 2
+    chosen = mf.build(beam_volume(), 3, 4, law="mooney_rivlin", law_constants={1: {"c10": 0.4 * mu}})
+    np.testing.assert_allclose(chosen.law_constants[0, :2], [0.4 * mu, 0.1 * mu])
+    np.testing.assert_array_equal(chosen.law_constants[1:], plain.law_constants[1:])
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"law": "hooke"}, "law is 'hooke'; it must be one of 'corotational', 'green_lagrange'"),
+        ({"law": "neo_hookean", "law_constants": {9: {"mu": 1e4}}}, r"label 9; the labels are \[1, 2, 3\]"),
+        ({"law": "neo_hookean", "law_constants": {1: {"c10": 1e4}}}, "no constant 'c10'"),
+        ({"law": "neo_hookean", "frame_type": "point"}, "'point' frames, which cannot turn"),
+    ],
+)
+def test_wrong_laws_are_refused(choices: dict, words: str) -> None:
+    with pytest.raises(mf.MjframesError, match=words):
+        mf.build(beam_volume(), 3, 4, **choices)
+
+
+def test_saved_and_loaded_it_is_the_same(tmp_path) -> None:
+    made = bar("arruda_boyce")
+    made.save(str(tmp_path / "bar.npz"))
+    states = []
+    for some in (made, mf.SoftBody.load(str(tmp_path / "bar.npz"))):
+        model, data = compiled("<mujoco/>", (some, (0, 0, 0), (1, 0, 0, 0)), contact=False)
+        jumble(model, data, np.random.default_rng(3), 0.01, 0)
+        mujoco.mj_step(model, data, 10)
+        states.append(data.qpos.copy())
+    np.testing.assert_array_equal(*states)
