@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `report`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -158,6 +158,20 @@ def view(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def report(arguments: argparse.Namespace) -> int:
+    """Measure error and run time against finite elements and flex."""
+    from rich.console import Console
+
+    from mjframes.report import write_report
+
+    start = time.perf_counter()
+    folder = Path(arguments.output)
+    with Console(stderr=True).status("starting") as status:
+        write_report(folder, arguments.quick, arguments.mujoco4, dict(arguments.model), status.update)
+    print(f"{folder / 'report.md'}: {time.perf_counter() - start:.0f} s")
+    return 0
+
+
 def doctor(arguments: argparse.Namespace) -> int:
     """Print what is installed and whether it works."""
     from mjframes.doctor import main as examine
@@ -310,6 +324,20 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
     command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
 
+    command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
+    command.set_defaults(command=report)
+    command.add_argument("-o", "--output", default="report", metavar="FOLDER", help="(default %(default)s)")
+    command.add_argument("--quick", action="store_true", help="a few small cases, under three minutes")
+    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
+    command.add_argument(
+        "--model",
+        type=_model,
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="dragon, ribbon, knee or rat, for the paper's Table 2: a label image or a mesh",
+    )
+
     command = commands.add_parser("doctor", help="tell what is installed and whether it works")
     command.set_defaults(command=doctor)
     return parser
@@ -359,6 +387,13 @@ def _factor(text: str) -> float:
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
     return value
+
+
+def _model(text: str) -> tuple[str, str]:
+    name, equals, file = text.partition("=")
+    if not (name and equals and file):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FILE")
+    return name, file
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -22,7 +22,7 @@
 #include "corotational.h"
 #include "deformed.h"
 #include "distance.h"
-#include "features.h"
+#include "geom_features.h"
 #include "kinematics.h"
 #include "lattice.h"
 #include "linear.h"

@@ -1,8 +1,8 @@
 // Where a patch touches another geom.
 //
 // Three kinds of points touch: the contact vertices of a patch a rigid geom, those of two patches of different soft
-// bodies the other's deformed volume, and sharp features of a rigid geom (features.h) the deformed volume (deformed.h).
-// What touches within one cluster and is nearly as deep as its deepest point shares one contact.
+// bodies the other's deformed volume, and sharp features of a rigid geom (geom_features.h) the deformed volume
+// (deformed.h). What touches within one cluster and is nearly as deep as its deepest point shares one contact.
 //
 // A row acts on a deformed volume through the weights of the material point that is at the contact, so that both sides
 // feel the same force at the same place and neither momentum nor angular momentum is made.
@@ -13,7 +13,7 @@
 #include <mujoco/mujoco.h>
 
 #include "contact.h"
-#include "features.h"
+#include "geom_features.h"
 #include "linear.h"
 
 namespace mjframes {

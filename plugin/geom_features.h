@@ -3,8 +3,8 @@
 // Corners and edges of boxes, rims of cylinders, hull vertices of meshes, and balls: a sphere is one, a capsule a row.
 // An ellipsoid's is its support point against the soft surface. Points that are close share one contact.
 
-#ifndef MJFRAMES_PLUGIN_FEATURES_H_
-#define MJFRAMES_PLUGIN_FEATURES_H_
+#ifndef MJFRAMES_PLUGIN_GEOM_FEATURES_H_
+#define MJFRAMES_PLUGIN_GEOM_FEATURES_H_
 
 #include <mujoco/mujoco.h>
 
@@ -37,4 +37,4 @@ Vec3 EllipsoidSupport(const mjtNum* size, const Vec3& direction);
 
 }  // namespace mjframes
 
-#endif  // MJFRAMES_PLUGIN_FEATURES_H_
+#endif  // MJFRAMES_PLUGIN_GEOM_FEATURES_H_

@@ -1,4 +1,4 @@
-#include "features.h"
+#include "geom_features.h"
 
 #include <algorithm>
 #include <cmath>
