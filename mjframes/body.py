@@ -181,6 +181,8 @@ def build(
     cores, links = held_cores(grid, fixed, attached)
     placement = place_frames(grid, frames, at, seed, cores)
     types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
+    if len(types) == 1 and types[0] in ("point", "rigid"):
+        raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
     progress("computing the weights")
     shape_functions = frame_weights(grid, placement, weights, subdivisions)
     progress("splitting the regions")

@@ -150,6 +150,7 @@ def _add_bodies(
     inner: mujoco.MjsBody, carried: Sequence[Carrier], others: dict[str, mujoco.MjsBody], name: str
 ) -> list[mujoco.MjsBody]:
     bodies: list[mujoco.MjsBody] = []
+    alone = sum(bool(carrier.joints) for carrier in carried) == 1
     for carrier in carried:
         link = others.get(carrier.link) if carrier.joints == "" else None
         outer = link or (bodies[carrier.parent] if carrier.parent >= 0 else inner)
@@ -163,6 +164,8 @@ def _add_bodies(
             mass=carrier.mass,
             inertia=carrier.inertia,
         )
+        if carrier.joints and alone:
+            child.simple = False  # or MuJoCo keeps the diagonal of its inertia only
         if carrier.joints:
             for axis, letter in zip(np.eye(3), "xyz", strict=True):
                 child.add_joint(name=f"{own}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
