@@ -32,7 +32,9 @@ BLOCK = 1024  # [voxels] of one matrix product: its gradients fit the cache
 SHARE = 1 << 14  # [voxels] that one thread sums up at a time
 THIN = 10  # [voxels] mean thickness from which one point a voxel is enough, bending then right to 1/THIN²
 FLAT = 1e-9  # [-] relative second moment below which a piece has no extent in a direction
-GAUSS = 0.5 / 3**0.5  # [voxels] from the centre to Gauss's two points; other rules may exceed exact integrals of v
+GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)  # [voxels] from the centre; other rules may exceed exact integrals of v
+# Across a single voxel y (z³ − 3 z g²) has no slope along z at Gauss's two points ±g: it cancels torsion.
+CHEBYSHEV = (-0.5 / 2**0.5, 0.0, 0.5 / 2**0.5)  # [voxels]
 MINOR = 0.01  # [-] share of a region's voxels below which a piece does not relax: it matters too little
 HOMOGENEOUS = 3.0  # [-] largest to smallest E up to which a region's weights may be replaced by their linear fit …
 NEARLY_LINEAR = 0.1  # [-] … if their rms residual is below this
@@ -250,7 +252,8 @@ def _piece(
     young = grid.per_material("young")
     thickness = _thickness(grid.index, grid.padded, component, grid.material, young, voxels)
     thin = (thickness < THIN) & (np.argsort(np.argsort(thickness, kind="stable")) < 2)
-    along = [(-GAUSS, GAUSS) if two else (0.0,) for two in thin]
+    several = [CHEBYSHEV if layers < 2 else GAUSS for layers in thickness]
+    along = [points if few else (0.0,) for few, points in zip(thin, several, strict=True)]
     cells = _cells(grid, index, work, columns) if relaxes and fit is None else None
     return Piece(region, relaxes, voxels, center, length, np.array(list(product(*along))), fit, cells)
 

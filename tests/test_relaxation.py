@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from shapes import mixed
 
+from mjframes.body import build
 from mjframes.control import ControlPoints, control_points, control_weights
 from mjframes.grid import Grid, voxel_grid
 from mjframes.material import Material
@@ -17,6 +18,7 @@ from mjframes.null_modes import hold_null_modes, null_modes
 from mjframes.placement import place_frames
 from mjframes.regions import Regions, split_regions
 from mjframes.stiffness import Stiffness, region_stiffness
+from mjframes.supports import Fixed
 from mjframes.surfaces import surface_weights
 from mjframes.tree import elimination_tree
 from mjframes.volume import Volume
@@ -262,3 +264,23 @@ def test_uniform_strain_moves_no_held_mode():
         u = moved[points].ravel()
         assert abs(u @ (after - before) @ u) < 1e-12 * (u @ before @ u)
     assert any(a is not b for a, b in zip(stiffness.matrix, held.matrix, strict=True))
+
+
+def test_a_plate_of_one_layer_resists_torsion():
+    """Kirchhoff's plate: u_z = θ x y costs 2 μ θ² h²/12 a volume, and is what a turned end becomes when it relaxes."""
+    labels, h = np.ones((24, 12, 1), np.uint8), 0.01
+    soft = Material(1e5, 0.3, 1000.0)
+    volume = Volume.from_labels(labels, h, {1: soft})
+    end = np.zeros(labels.shape, bool)
+    end[0] = True
+    tip = voxel_grid(volume).centers[-1] * [1, 0, 0] + [0, 0.06, 0.005]
+    body = build(volume, at=[tip], samples=1, weights="linear", fixed=[Fixed(end)])
+    arm = body.control.rest - tip
+    turned = np.stack([0 * arm[:, 0], -arm[:, 2], arm[:, 1]], axis=1) * (body.control.frame == 1)[:, None]
+    found = sum(
+        0.5 * turned[points].ravel() @ matrix @ turned[points].ravel()
+        for points, matrix in zip(body.stiffness.points, body.stiffness.matrix, strict=True)
+    )
+    length = 23 * h
+    exact = 2 * soft.lame[1] / length**2 * h**2 / 12 * (length * 12 * h * h)
+    assert found == pytest.approx(exact, rel=0.15)
