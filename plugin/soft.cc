@@ -44,6 +44,7 @@ constexpr const char* kAttributes[] = {
     "patch_point",
     "patch_weight",
     "patch_offset",  // s − Σ_j W_j(s) x̄_j [m]; left out where it is zero
+    "asset",         // which built body it is: views of material points ask for its voxels
 };
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
