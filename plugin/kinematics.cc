@@ -193,6 +193,13 @@ Vec3 Kinematics::WorldPosition(const mjData* d, int j) const {
   return point.offset ? origin + Mul(Orientation(d->xmat + 9 * point.body), point.local) : origin;
 }
 
+Vec3 Kinematics::WorldVelocity(const mjModel* m, const mjData* d, int j) const {
+  const ControlPoint& point = points_[j];
+  mjtNum twist[6];
+  mj_objectVelocity(m, d, mjOBJ_XBODY, point.body, twist, 0);
+  return Position(twist + 3) + Cross(Position(twist), WorldPosition(d, j) - Position(d->xpos + 3 * point.body));
+}
+
 Vec3 Kinematics::PositionToLocal(const mjData* d, const Vec3& position) const {
   return ToLocal(d, position - Position(d->xpos + 3 * holder_));
 }

@@ -87,6 +87,9 @@ class Kinematics {
   // Where control point j is in the world; needs d alone, so that several threads may ask.
   Vec3 WorldPosition(const mjData* d, int j) const;
 
+  // Its velocity there.
+  Vec3 WorldVelocity(const mjModel* m, const mjData* d, int j) const;
+
   // Replaces the shares (one a node) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft body's
   // axes): a lever that turns with the bodies.
   void PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,

@@ -313,6 +313,7 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   }
   const size_t pairs = body->kinematics_.pairs().size();
   body->force_.resize(body->kinematics_.points().size());
+  body->velocity_.resize(body->force_.size());
   body->stiffness_.resize(9 * pairs);
   body->added_mass_.resize(pairs);
   int largest = 0;
@@ -405,9 +406,43 @@ void SoftBody::AddDamping(double rate) {
   }
 }
 
+double SoftBody::ElasticEnergy() {
+  double energy = 0;
+  Mat3 R = kIdentity;
+  for (const Region& region : regions_) {
+    R = RegionRotation(region, kinematics_.x().data(), R);
+    energy += RegionEnergy(region, kinematics_.x().data(), R, scratch_.get());
+  }
+  for (const QuadratureRegion& region : quadrature_) {
+    energy += QuadratureEnergy(region, kinematics_.x().data(), quadrature_scratch_.get());
+  }
+  return energy;
+}
+
+double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {
+  for (size_t j = 0; j < velocity_.size(); j++) velocity_[j] = kinematics_.WorldVelocity(m, d, static_cast<int>(j));
+  double energy = 0;
+  for (size_t i = 0; i < mass_.size(); i++) {
+    const PointPair& pair = kinematics_.pairs()[i];
+    energy += (pair.j == pair.k ? 0.5 : 1) * mass_[i] * Dot(velocity_[pair.j], velocity_[pair.k]);
+  }
+  return energy;
+}
+
 SoftBody* GetSoftBody(const mjModel* m, const mjData* d, int instance) {
   if (instance < 0 || m->plugin[instance] != g_slot) return nullptr;
   return reinterpret_cast<SoftBody*>(d->plugin_data[instance]);
+}
+
+int SoftBodyHeldBy(const mjModel* m, int holder) {
+  for (int body = holder + 1; body < m->nbody; body++) {
+    const int instance = m->body_plugin[body];
+    if (m->body_parentid[body] == holder && m->body_jntnum[body] > 0 && instance >= 0 &&
+        m->plugin[instance] == g_slot) {
+      return instance;
+    }
+  }
+  return -1;
 }
 
 void RegisterPlugin() {
