@@ -292,6 +292,9 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok() && !law) body->regions_ = ReadRegions(couplings, body->kinematics_.points(), &reader);
   if (reader.ok()) body->AssignMass();
   if (reader.ok()) body->kinematics_.Finish(m, &reader);
+  reader.Check(!(m->opt.enableflags & mjENBL_SLEEP) || !body->kinematics_.MissesWaking(m),
+               "it is attached to bodies of several kinematic trees, or to a mocap body, and MuJoCo would not wake one "
+               "with the other: give the root body of each tree sleep=\"never\", or disable sleep");
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->kinematics_.points(), &reader);
   if (reader.ok() && !body->patches_.empty()) {
     body->contact_radius_ = reader.Number("contact_radius");
@@ -352,13 +355,16 @@ const Patch* SoftBody::FindPatch(int geom) const {
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {
   const double h = m->opt.timestep;
-  kinematics_.Gather(m, d);
-  AddElasticity();
-  AddDamping(implicit_ ? h + beta_ : beta_);
-  kinematics_.StoreForce(force_, d);
+  const bool awake = !kinematics_.Asleep(m, d);
+  if (awake) {
+    kinematics_.Gather(m, d);
+    AddElasticity();
+    AddDamping(implicit_ ? h + beta_ : beta_);
+    kinematics_.StoreForce(force_, d);
+  }
   // compute may run again on the same position: start from the rigid inertia each time
   if (starts_inertia_) mj_makeM(m, d);
-  if (changes_inertia_) StoreInertia(h, d);
+  if (changes_inertia_ && awake) StoreInertia(h, d);
   if (factors_inertia_) mj_factorM(m, d);
   if (last_) WriteContactRows(m, d, contact_scratch_.get());
 }
