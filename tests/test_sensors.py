@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from functools import cache
 
@@ -152,27 +151,23 @@ def test_energies_need_no_more_than_mjcf() -> None:
         ({"slack": "f64:0:"}, r"slack has another number of values"),
     ],
 )
-def test_a_damaged_sensor_is_refused(change: dict[str, str], words: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_sensor_is_refused(change: dict[str, str], words: str) -> None:
     spec = sensed(block())
     instance = next(other for other in spec.plugins if other.name == "meat_stress")
     instance.config = dict(instance.config) | change
-    with pytest.raises((ValueError, mujoco.FatalError)) as error:
-        mujoco.MjData(spec.compile())
-    captured = capfd.readouterr()
-    assert re.search(words, captured.out + captured.err + str(error.value))
+    with pytest.raises(ValueError, match=words):
+        spec.compile()
 
 
 @pytest.mark.parametrize("object_name", ["other", ""])
-def test_a_sensor_of_no_soft_body_is_refused(object_name: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_sensor_of_no_soft_body_is_refused(object_name: str) -> None:
     spec = sensed(block())
     spec.worldbody.add_body(name="other")
     sensor = spec.sensor("meat_stress")
     sensor.objname = object_name
     sensor.objtype = mujoco.mjtObj.mjOBJ_BODY if object_name else mujoco.mjtObj.mjOBJ_UNKNOWN
-    with pytest.raises((ValueError, mujoco.FatalError)) as error:
-        mujoco.MjData(spec.compile())
-    captured = capfd.readouterr()
-    assert "objname that of a soft body" in captured.out + captured.err + str(error.value)
+    with pytest.raises(ValueError, match="objname that of a soft body"):
+        spec.compile()
 
 
 @pytest.mark.parametrize(
