@@ -282,32 +282,39 @@ def test_a_soft_body_falls_asleep_and_is_woken() -> None:
     awake_model = copy.copy(model)
     awake_model.opt.enableflags = 0
     other = mujoco.MjData(awake_model)
-    soft = int(model.geom_bodyid[-1])
-    tree = model.body_treeid[soft]
-    history, asleep_at = [], 0
-    for step in range(300):
+    tree = model.body_treeid[model.geom_bodyid[-1]]
+    coordinates, dofs, entries = slice(7, None), slice(6, None), slice(21, None)  # all but the ball's
+
+    def own() -> list[np.ndarray]:
+        return [data.qpos[coordinates].copy(), data.qfrc_passive[dofs].copy(), data.M[entries].copy()]
+
+    def steps_while(asleep: bool) -> int:
+        for step in range(300):
+            if (data.tree_asleep[tree] >= 0) != asleep:
+                return step
+            if asleep:
+                for found, expected in zip(own(), resting, strict=True):
+                    np.testing.assert_array_equal(found, expected)
+            mujoco.mj_step(model, data)
+        return 300
+
+    resting = own()
+    steps = steps_while(asleep=False)
+    until = stepped(awake_model, other, steps - 1)
+    np.testing.assert_array_equal(stepped(model, mujoco.MjData(model), steps - 1), until)
+    mujoco.mj_step(awake_model, other)
+    assert 20 < steps < 150
+    resting = own()
+    np.testing.assert_allclose(resting[0], other.qpos[coordinates], atol=1e-5)  # but for the step that it sleeps in
+    assert 20 < steps_while(asleep=True) < 150  # until the ball comes
+    saved = np.zeros(mujoco.mj_stateSize(model, INTEGRATION))
+    mujoco.mj_getState(model, data, saved, INTEGRATION)
+    mujoco.mj_setState(awake_model, other, saved, INTEGRATION)
+    for _ in range(20):  # woken, it goes on as one that never slept
         mujoco.mj_step(model, data)
-        history.append(bool(data.tree_asleep[tree] >= 0))
-        if not any(history):  # to the bit as without sleep
-            mujoco.mj_step(awake_model, other)
-            np.testing.assert_array_equal(data.qpos, other.qpos)
-        elif not any(history[:-1]):
-            asleep_at, resting = step, (data.qpos.copy(), data.M.copy(), data.qfrc_passive.copy())
-        elif history[-1]:
-            for found, expected in zip((data.qpos, data.M, data.qfrc_passive), resting, strict=True):
-                own = slice(7, None) if found is data.qpos else slice(21, None) if found is data.M else slice(6, None)
-                np.testing.assert_array_equal(found[own], expected[own])
-        elif step > asleep_at and history[-2]:  # woken: goes on as one that was never asleep
-            saved = np.zeros(mujoco.mj_stateSize(model, INTEGRATION))
-            mujoco.mj_getState(model, data, saved, INTEGRATION)
-            mujoco.mj_setState(awake_model, other, saved, INTEGRATION)
-            for _ in range(20):
-                mujoco.mj_step(model, data)
-                mujoco.mj_step(awake_model, other)
-            np.testing.assert_allclose(data.qpos, other.qpos, atol=1e-9)
-            assert np.abs(data.qvel[6:]).max() > 0.01
-            return
-    pytest.fail(f"asleep {sum(history)} steps, not woken")
+        mujoco.mj_step(awake_model, other)
+    np.testing.assert_allclose(data.qpos, other.qpos, atol=1e-9)
+    assert np.abs(data.qvel[dofs]).max() > 0.01
 
 
 @pytest.mark.parametrize("sleep", ["auto", "never"])

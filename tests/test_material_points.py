@@ -51,6 +51,21 @@ def test_rest_is_where_the_body_was_put_and_free_of_stress(body: mf.SoftBody) ->
     assert not view.velocities(points).any()
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_a_turn_is_no_strain(law: str) -> None:
+    model, data = in_space(block(law))
+    view = mf.soft(model, data, "soft0")
+    mujoco.mj_kinematics(model, data)
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
+    move_points(model, data, view, view.rest @ turn.T + [1, 2, 3])
+    mujoco.mj_forward(model, data)
+    points = centers(block(law))
+    F = view.deformation_gradients(points)
+    np.testing.assert_allclose(F, np.tile(turn, (len(points), 1, 1)), atol=1e-12)
+    assert np.abs(view.stresses(points)).max() < 1e-11 * MATERIAL.young
+
+
 def test_material_points_are_those_of_the_skin() -> None:
     model, data = in_space(lump())
     view = mf.soft(model, data, "soft0")
