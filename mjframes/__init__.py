@@ -9,7 +9,7 @@
     mf.attach(spec.worldbody, body, name="steak", pos=(0, 0, 0.3))
     model = spec.compile()
 
-Importing the package makes the engine plugin `mjframes.soft` known to MuJoCo.
+Importing the package makes the engine plugins `mjframes.soft` and `mjframes.sensor` known to MuJoCo.
 """
 
 from __future__ import annotations
@@ -28,11 +28,24 @@ if TYPE_CHECKING:
     from mjframes.contact import Contact
     from mjframes.material import Material
     from mjframes.mjcf import attach
+    from mjframes.sensors import add_sensor
     from mjframes.supports import Attached, Fixed
     from mjframes.view import soft
     from mjframes.volume import Volume
 
-__all__ = ["Attached", "Contact", "Fixed", "Material", "MjframesError", "SoftBody", "Volume", "attach", "build", "soft"]
+__all__ = [
+    "Attached",
+    "Contact",
+    "Fixed",
+    "Material",
+    "MjframesError",
+    "SoftBody",
+    "Volume",
+    "add_sensor",
+    "attach",
+    "build",
+    "soft",
+]
 
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
@@ -42,6 +55,7 @@ _HOMES = {
     "Material": "material",
     "SoftBody": "body",
     "Volume": "volume",
+    "add_sensor": "sensors",
     "attach": "mjcf",
     "build": "body",
     "soft": "view",

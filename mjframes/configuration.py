@@ -11,6 +11,7 @@ from mjframes.asset import lower_triangle
 from mjframes.body import SoftBody
 from mjframes.carriers import Carrier
 from mjframes.constants import FORMAT_VERSION
+from mjframes.identity import asset_key
 from mjframes.quadrature import Quadrature
 from mjframes.stiffness import shows_rotations
 
@@ -55,6 +56,7 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "lattice_point",
     "lattice_weight",
     "lattice_sphere",
+    "asset",
 )
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
 
@@ -86,6 +88,7 @@ def configuration(
         "point_mass": encode(mass),
         "region_size": encode([len(points) for points in stiffness.points]),
         "region_point": encode(np.concatenate(stiffness.points)),
+        "asset": asset_key(body),
     }
     values |= _corotational(body, rest) if body.quadrature is None else _hyperelastic(body, body.quadrature, rest)
     if offset.any():

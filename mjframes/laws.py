@@ -35,6 +35,7 @@ CONSTANTS: dict[Law, tuple[str, ...]] = {
     "arruda_boyce": ("mu", "segments", "bulk"),
 }
 SEGMENTS = 8.0  # [-] N of arruda_boyce unless given: chains are straight at a stretch of 2.8 and more
+LEAST_VOLUME = 1e-6  # [-] least |J| that Cauchy's stress is divided by
 COLLAPSING = 1.5  # [-] I₁ below which ρ departs from it; at 0.9 it would leave a second minimum for ν = 0
 CHAINS = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # Arruda and Boyce's series
 
@@ -160,8 +161,9 @@ def projected_hessian(parameters: LawParameters, F: Array) -> Array:
 
 
 def cauchy_stress(parameters: LawParameters, F: Array) -> Array:
-    """σ (q, 3, 3) [Pa] = P Fᵀ / J, for J > 0."""
-    return stress(parameters, F) @ _transposed(F) / np.linalg.det(F)[:, None, None]
+    """σ (q, 3, 3) [Pa] = P Fᵀ / J; |J| counts as 1e-6 where it is less, as in the plugin."""
+    j = np.linalg.det(F)[:, None, None]
+    return stress(parameters, F) @ _transposed(F) / np.copysign(np.maximum(np.abs(j), LEAST_VOLUME), j)
 
 
 def _transposed(F: Array) -> Array:

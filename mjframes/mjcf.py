@@ -23,6 +23,7 @@ from mjframes.carriers import Carrier, carriers, printable, printable_quaternion
 from mjframes.configuration import configuration, patch_points
 from mjframes.contact import Contact
 from mjframes.errors import MjframesError
+from mjframes.identity import remember
 from mjframes.links import Pose
 from mjframes.supports import PARENT
 
@@ -83,6 +84,7 @@ def attach(
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
+    remember(body)
     if spec is not None and place.bodies:  # with bones that the soft body's own spec does not have
         _add_skins(spec, body, carried, name)
 

@@ -27,6 +27,7 @@ import mujoco
 from mjframes.errors import MjframesError
 
 NAME = "mjframes.soft"
+SENSOR_NAME = "mjframes.sensor"  # in the same library
 FLAGS_FILE = "compile_flags.txt"  # CMake and clangd read it too
 LIBRARY_VARIABLE = "MJFRAMES_PLUGIN_LIBRARY"  # names a library to use instead, for example one with sanitizers
 

@@ -118,14 +118,15 @@ def contact_points(surface: Surface, volume: Volume, radius: float | None = None
     return ContactPoints(positions, radius, normals[chosen], np.arange(len(chosen)))
 
 
-def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray) -> csr_array:
+def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray, nearest: np.ndarray | None = None) -> csr_array:
     """Frame weights at points: w_i(p) = Σ_v c_v w_iv, trilinear c over the voxels with the nearest voxel's frames.
 
     weights: (n, f) at the voxels.  points: (s, 3) volume coordinates [m], within a voxel or so of the inside.
+    nearest: their `closest_voxels`, where they are known.
     Returns (s, f); rows sum to 1.  A point whose nearest voxel is rigid gets exactly the weights of its piece.
     """
     points = np.asarray(points, dtype=np.float64)
-    nearest = _nearest_voxels(grid, points)
+    nearest = closest_voxels(grid, points) if nearest is None else nearest
     pattern = _patterns(weights)
     cell = (points - grid.origin) @ grid.axes / grid.spacing - 0.5  # the centres of voxels are at integers
     base = np.floor(cell).astype(np.int64)
@@ -148,8 +149,8 @@ def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray) -> csr_a
     return csr_array(csr_array(entries, shape=(len(points), len(grid.index))) @ weights)
 
 
-def _nearest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
-    """The voxel (s,) whose centre is nearest to each point (s, 3) [m]."""
+def closest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
+    """(s,) the voxel whose centre is closest to each point (s, 3), in volume coordinates [m]."""
     at = (points - grid.origin) @ grid.axes / grid.spacing - 0.5
     nearest = _search(at, grid.lookup, grid.spacing)
     if (far := nearest < 0).any():

@@ -1,33 +1,47 @@
-"""Soft bodies of a compiled model, as they are now: read from the model and data alone."""
+"""Soft bodies of a compiled model, as they are now: read from the model and data, and what is not in them, of
+material points and frames, from the `SoftBody`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
+from mjframes import forces
 from mjframes.asset import triangles
+from mjframes.body import SoftBody
 from mjframes.configuration import ATTRIBUTES, decode
 from mjframes.errors import MjframesError
 from mjframes.hyperelastic import HyperelasticRegion
+from mjframes.identity import asset_key, recall
 from mjframes.laws import law_of_constants
+from mjframes.material_points import MaterialPoints, material_points
 from mjframes.mechanics import CorotationalRegion
 
 
 @dataclass(frozen=True, eq=False)
 class Soft:
-    """A view of one soft body; current after `mj_forward` or `mj_step`. k control points, r regions.
+    """A view of one soft body; current after `mj_forward` or `mj_step`.
 
-    bodies: (k,) MuJoCo body that each control point rides on.
+    k control points, f frames, r regions, p patches.  instance: of the plugin.  holder: MuJoCo body whose axes are the
+    volume's.  bodies: (k,) MuJoCo body that each control point rides on.  given: the body that it was built as, where
+    one was given.
+    Material points (n, 3) are in volume coordinates [m]; they and frames need the `SoftBody`: MjframesError without.
     """
 
     model: mujoco.MjModel
     data: mujoco.MjData
     name: str
+    instance: int
+    holder: int
     bodies: np.ndarray
     configuration: dict[str, str]
+    given: SoftBody | None = None
+    _of_points: dict[bytes, MaterialPoints] = field(default_factory=dict)
 
     @cached_property
     def rest(self) -> np.ndarray:
@@ -130,9 +144,116 @@ class Soft:
             forces[region.points] += region.response(x[region.points])[0]
         return forces
 
+    def positions(self, points: ArrayLike) -> np.ndarray:
+        """(n, 3) of material points, in the world [m]."""
+        some = self._at(points)
+        return some.weights @ self.control_positions + some.offset @ self._axes.T
 
-def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Soft:
-    """The view of the soft body `name`. Raises MjframesError where the model has none of that name."""
+    def velocities(self, points: ArrayLike) -> np.ndarray:
+        """(n, 3) of material points, in the world [m/s]."""
+        some, twist = self._at(points), np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, self.holder, twist, 0)
+        return some.weights @ self.control_velocities + np.cross(twist[:3], some.offset @ self._axes.T)
+
+    def deformation_gradients(self, points: ArrayLike) -> np.ndarray:
+        """F (n, 3, 3) at material points: from volume coordinates to the world, the rotation of the body included."""
+        return self._axes @ self._at(points).deformation_gradients(self._local)
+
+    def strains(self, points: ArrayLike) -> np.ndarray:
+        """Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
+        F = self.deformation_gradients(points)
+        return 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
+
+    def stresses(self, points: ArrayLike) -> np.ndarray:
+        """Cauchy's stress (n, 3, 3) at material points, in the world's axes [Pa].
+
+        Elastic stress, without damping; of the frames' deformation, without what relaxed regions add to it.
+        """
+        stress = self._at(points).response(self.regions, self._local)[0]
+        return self._axes @ stress @ self._axes.T
+
+    def energy_densities(self, points: ArrayLike) -> np.ndarray:
+        """Strain energy per volume at rest (n,) at material points [J/m³].
+
+        Of the frames' deformation: where regions are relaxed their sum is more than `elastic_energy`.
+        """
+        return self._at(points).response(self.regions, self._local)[1]
+
+    @property
+    def frame_forces(self) -> np.ndarray:
+        """Elastic force on each frame, the sum over its control points (f, 3), in the world [N]."""
+        frame, total = self.body.control.frame, np.zeros((len(self.body.types), 3))
+        np.add.at(total, frame, self.elastic_forces)
+        return total
+
+    @property
+    def constraint_forces(self) -> np.ndarray:
+        """Net force of all constraints on each frame and what was put on its bodies (f, 3), in the world [N].
+
+        NaN for held frames: theirs is part of the force on what holds them.
+        """
+        return self._on_frames(self.data.qfrc_constraint)
+
+    @property
+    def contact_forces(self) -> np.ndarray:
+        """Net force of the soft body's contacts on each frame, shared by the weights there (f, 3), in the world [N].
+
+        NaN for held frames, see `constraint_forces`.
+        """
+        rows = forces.contact_rows(self.model, self.data, self.patches)
+        return self._on_frames(forces.constraint_force(self.model, self.data, rows))
+
+    @property
+    def patch_forces(self) -> np.ndarray:
+        """Net contact force on each patch (p, 3), in the world [N]."""
+        found = [forces.contact_force_on(self.model, self.data, int(geom)) for geom in self.patches]
+        return np.array(found).reshape(-1, 3)
+
+    @property
+    def patches(self) -> np.ndarray:
+        """(p,) geoms of the contact patches."""
+        return np.flatnonzero(self.model.geom_plugin == self.instance)
+
+    @cached_property
+    def body(self) -> SoftBody:
+        """What was built. Raises MjframesError where it was neither given nor attached in this process."""
+        body = self.given or recall(self.configuration["asset"])
+        if body is None:
+            raise MjframesError(
+                f"the model has no voxels of {self.name!r}, and its SoftBody was not attached here; "
+                f"give it: soft(model, data, {self.name!r}, body=…)."
+            )
+        return body
+
+    @property
+    def _axes(self) -> np.ndarray:
+        """A (3, 3): from the volume's axes to the world's."""
+        return self.data.xmat[self.holder].reshape(3, 3)
+
+    @property
+    def _local(self) -> np.ndarray:
+        """x (k, 3) in volume coordinates, as seen from the holder [m]."""
+        return (self.control_positions - self.data.xpos[self.holder]) @ self._axes
+
+    def _at(self, points: ArrayLike) -> MaterialPoints:
+        """What is known of material points; kept for those asked for last, as the voxels are searched for them."""
+        key = np.asarray(points, np.float64).tobytes()
+        if key not in self._of_points:
+            found = material_points(self.body, self.rest, points)
+            self._of_points.clear()
+            self._of_points[key] = found
+        return self._of_points[key]
+
+    def _on_frames(self, generalized: np.ndarray) -> np.ndarray:
+        return forces.forces_on_frames(self.model, self.data, self.bodies, self.body.control.frame, generalized)
+
+
+def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody | None = None) -> Soft:
+    """The view of the soft body `name`.
+
+    body: what it was built as. Material points and frames need it, where it was not attached in this process.
+    Raises MjframesError where the model has none of that name, and for another body.
+    """
     instances = _instances(model)
     if name not in instances:
         known = ", ".join(map(repr, instances)) or "none"
@@ -142,7 +263,10 @@ def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Soft:
     carriers = np.flatnonzero(model.body_plugin == instance)
     bodies = np.empty(decode(configuration["point_mass"]).size, int)
     bodies[decode(configuration["carrier_point"])] = np.repeat(carriers, decode(configuration["carrier_size"]))
-    return Soft(model, data, name, bodies, configuration)
+    if body is not None and asset_key(body) != configuration["asset"]:
+        raise MjframesError(f"body is not the one that {name!r} was made of; give the SoftBody that was attached.")
+    moving = carriers[model.body_jntnum[carriers] > 0]
+    return Soft(model, data, name, instance, int(model.body_parentid[moving.min()]), bodies, configuration, body)
 
 
 def soft_names(model: mujoco.MjModel) -> list[str]:

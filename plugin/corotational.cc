@@ -116,6 +116,23 @@ Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
   return ClosestRotation(F, guess);
 }
 
+double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch) {
+  const int m = region.size();
+  Vec3 mean{};
+  for (int j = 0; j < m; j++) mean = mean + (1.0 / m) * x[region.point[j]];
+  double* y = scratch->rhs.data();
+  for (int j = 0; j < m; j++) {
+    const Vec3 strain = MulT(R, x[region.point[j]] - mean) - region.rest[j];
+    std::copy(strain.begin(), strain.end(), y + 3 * j);
+  }
+  double energy = 0;
+  for (int row = 0; row < 3 * m; row++) {
+    const double* stiffness = region.stiffness.data() + static_cast<size_t>(row) * 3 * m;
+    for (int column = 0; column < 3 * m; column++) energy += 0.5 * y[row] * stiffness[column] * y[column];
+  }
+  return energy;
+}
+
 void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch, Vec3* force,
                double* stiffness, double* held) {
   const int m = region.size();

@@ -47,6 +47,9 @@ struct RegionScratch {
 // Rotation of the region's mean deformation gradient. x: all control points of the body [m].
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess);
 
+// ½ yᵀ K_e y [J]
+double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch);
+
 // Adds the region's elastic force to `force` and, where they are given, its stiffness to `stiffness` and enlarged to
 // `held`, one row-major 3×3 block a pair of control points.
 void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch, Vec3* force,

@@ -112,7 +112,10 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   for (const ControlPoint& point : points_) {
     if (m->body_jntnum[point.body] > 0) root = std::min(root, point.body);
   }
-  if (root < m->nbody) holder_ = m->body_parentid[root];
+  if (root < m->nbody) {
+    outermost_ = root;
+    holder_ = m->body_parentid[root];
+  }
   std::vector<int> node_of(m->nbody, -1);
   int twists = 0, pairs = 0;
   for (int body = 1; body < m->nbody; body++) {
@@ -188,10 +191,38 @@ void Kinematics::Finish(const mjModel* m, Reader* reader) {
   sum_.resize(nodes_.empty() ? 0 : size * (nodes_.back().pair + nodes_.back().depth + 1));
 }
 
+bool Kinematics::MissesWaking(const mjModel* m) const {
+  const auto sleepy = [m](int tree) {
+    const int policy = m->tree_sleep_policy[tree];
+    return policy != mjSLEEP_NEVER && policy != mjSLEEP_AUTO_NEVER;
+  };
+  if (outermost_ < 0) return false;
+  const int own = m->body_treeid[outermost_], root = m->body_rootid[outermost_];
+  bool tied = false, may_sleep = sleepy(own);
+  for (const ControlPoint& point : points_) {
+    const int tree = m->body_treeid[point.body], base = m->body_rootid[point.body];
+    if (tree >= 0 ? tree == own : m->body_mocapid[base] < 0 || base == root) continue;
+    tied = true;
+    may_sleep = may_sleep || (tree >= 0 && sleepy(tree));
+  }
+  return tied && may_sleep;
+}
+
+bool Kinematics::Asleep(const mjModel* m, const mjData* d) const {
+  return (m->opt.enableflags & mjENBL_SLEEP) && outermost_ >= 0 && d->body_awake[outermost_] == mjS_ASLEEP;
+}
+
 Vec3 Kinematics::WorldPosition(const mjData* d, int j) const {
   const ControlPoint& point = points_[j];
   const Vec3 origin = Position(d->xpos + 3 * point.body);
   return point.offset ? origin + Mul(Orientation(d->xmat + 9 * point.body), point.local) : origin;
+}
+
+Vec3 Kinematics::WorldVelocity(const mjModel* m, const mjData* d, int j) const {
+  const ControlPoint& point = points_[j];
+  mjtNum twist[6];
+  mj_objectVelocity(m, d, mjOBJ_XBODY, point.body, twist, 0);
+  return Position(twist + 3) + Cross(Position(twist), WorldPosition(d, j) - Position(d->xpos + 3 * point.body));
 }
 
 Vec3 Kinematics::PositionToLocal(const mjData* d, const Vec3& position) const {

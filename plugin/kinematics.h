@@ -74,6 +74,13 @@ class Kinematics {
   // After all couplings: memory, and the places of the nodes in d->M. What is wrong is told to `reader`.
   void Finish(const mjModel* m, Reader* reader);
 
+  // Whether points are on kinematic trees or mocap bodies that move without waking the soft body's own tree, of which
+  // some may fall asleep.
+  bool MissesWaking(const mjModel* m) const;
+
+  // Whether its tree sleeps: MuJoCo then leaves forces and inertia of its degrees of freedom as they are.
+  bool Asleep(const mjModel* m, const mjData* d) const;
+
   // x, v of this step.
   void Gather(const mjModel* m, const mjData* d);
 
@@ -86,6 +93,9 @@ class Kinematics {
 
   // Where control point j is in the world; needs d alone, so that several threads may ask.
   Vec3 WorldPosition(const mjData* d, int j) const;
+
+  // Its velocity there.
+  Vec3 WorldVelocity(const mjModel* m, const mjData* d, int j) const;
 
   // Replaces the shares (one a node) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft body's
   // axes): a lever that turns with the bodies. omega: one a point.
@@ -125,7 +135,8 @@ class Kinematics {
   template <int N>
   void StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
 
-  int holder_ = 0;  // body whose axes are the soft body's
+  int outermost_ = -1;  // of the soft body's own bodies that move, −1 for none
+  int holder_ = 0;      // body whose axes are the soft body's
   bool turning_ = false;
   std::vector<ControlPoint> points_;
   std::vector<Node> nodes_;  // ancestors first

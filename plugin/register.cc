@@ -1,11 +1,13 @@
-// Entry point of the library: registers the plugin and installs the collision hook when it is loaded.
+// Entry point of the library: registers the plugins and installs the collision hook when it is loaded.
 
 #include <mujoco/mujoco.h>
 
 #include "contact.h"
+#include "sensor.h"
 #include "soft.h"
 
 mjPLUGIN_LIB_INIT(mjframes) {
   mjframes::RegisterPlugin();
+  mjframes::RegisterSensor();
   mjframes::InstallCollisionHook();
 }

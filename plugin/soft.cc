@@ -55,6 +55,7 @@ constexpr const char* kAttributes[] = {
     "lattice_point",
     "lattice_weight",
     "lattice_sphere",
+    "asset",  // which built body it is: views of material points ask for its voxels
 };
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
@@ -326,6 +327,9 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok() && !law) body->regions_ = ReadRegions(couplings, body->kinematics_.points(), &reader);
   if (reader.ok()) body->AssignMass();
   if (reader.ok()) body->kinematics_.Finish(m, &reader);
+  reader.Check(!(m->opt.enableflags & mjENBL_SLEEP) || !body->kinematics_.MissesWaking(m),
+               "it is attached to bodies of several kinematic trees, or to a mocap body, and MuJoCo would not wake one "
+               "with the other: give the root body of each tree sleep=\"never\", or disable sleep");
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->kinematics_.points(), &reader);
   if (reader.ok() && !body->patches_.empty()) {
     body->contact_radius_ = reader.Number("contact_radius");
@@ -357,6 +361,7 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   }
   const size_t pairs = body->kinematics_.pairs().size();
   body->force_.resize(body->kinematics_.points().size());
+  body->velocity_.resize(body->force_.size());
   body->stiffness_.resize(9 * pairs);
   body->added_mass_.resize(pairs);
   int largest = 0;
@@ -395,13 +400,16 @@ int SoftBody::FindPatch(int geom) const {
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {
   const double h = m->opt.timestep;
-  kinematics_.Gather(m, d);
-  AddElasticity();
-  AddDamping(implicit_ ? h + beta_ : beta_);
-  kinematics_.StoreForce(force_, d);
+  const bool awake = !kinematics_.Asleep(m, d);
+  if (awake) {
+    kinematics_.Gather(m, d);
+    AddElasticity();
+    AddDamping(implicit_ ? h + beta_ : beta_);
+    kinematics_.StoreForce(force_, d);
+  }
   // compute may run again on the same position: start from the rigid inertia each time
   if (starts_inertia_) mj_makeM(m, d);
-  if (changes_inertia_) StoreInertia(h, d);
+  if (changes_inertia_ && awake) StoreInertia(h, d);
   if (factors_inertia_) mj_factorM(m, d);
   if (last_) WriteContactRows(m, d, contact_scratch_.get());
 }
@@ -449,9 +457,43 @@ void SoftBody::AddDamping(double rate) {
   }
 }
 
+double SoftBody::ElasticEnergy() {
+  double energy = 0;
+  Mat3 R = kIdentity;
+  for (const Region& region : regions_) {
+    R = RegionRotation(region, kinematics_.x().data(), R);
+    energy += RegionEnergy(region, kinematics_.x().data(), R, scratch_.get());
+  }
+  for (const QuadratureRegion& region : quadrature_) {
+    energy += QuadratureEnergy(region, kinematics_.x().data(), quadrature_scratch_.get());
+  }
+  return energy;
+}
+
+double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {
+  for (size_t j = 0; j < velocity_.size(); j++) velocity_[j] = kinematics_.WorldVelocity(m, d, static_cast<int>(j));
+  double energy = 0;
+  for (size_t i = 0; i < mass_.size(); i++) {
+    const PointPair& pair = kinematics_.pairs()[i];
+    energy += (pair.j == pair.k ? 0.5 : 1) * mass_[i] * Dot(velocity_[pair.j], velocity_[pair.k]);
+  }
+  return energy;
+}
+
 SoftBody* GetSoftBody(const mjModel* m, const mjData* d, int instance) {
   if (instance < 0 || m->plugin[instance] != g_slot) return nullptr;
   return reinterpret_cast<SoftBody*>(d->plugin_data[instance]);
+}
+
+int SoftBodyHeldBy(const mjModel* m, int holder) {
+  for (int body = holder + 1; body < m->nbody; body++) {
+    const int instance = m->body_plugin[body];
+    if (m->body_parentid[body] == holder && m->body_jntnum[body] > 0 && instance >= 0 &&
+        m->plugin[instance] == g_slot) {
+      return instance;
+    }
+  }
+  return -1;
 }
 
 void RegisterPlugin() {

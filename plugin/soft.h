@@ -41,6 +41,11 @@ class SoftBody {
   // Adds this step's forces and effective inertia; the model's last soft body then writes all contact rows.
   void Compute(const mjModel* m, mjData* d);
 
+  // For sensors, outside Compute: positions and velocities as d has them now, and after that the energies [J].
+  void Gather(const mjModel* m, const mjData* d) { kinematics_.Gather(m, d); }
+  double ElasticEnergy();
+  double KineticEnergy(const mjModel* m, const mjData* d);
+
   // Number of the patch of a geom, −1 if it has none.
   int FindPatch(int geom) const;
   double contact_radius() const { return contact_radius_; }
@@ -53,6 +58,7 @@ class SoftBody {
   const Lattice& lattice() const { return lattice_; }
   const Hulls& hulls() const { return hulls_; }
   const std::vector<Features>& features() const { return features_; }
+  const std::vector<Region>& regions() const { return regions_; }
 
  private:
   SoftBody() = default;
@@ -82,6 +88,7 @@ class SoftBody {
 
   // of this step; one SoftBody belongs to one mjData
   std::vector<Vec3> force_;         // on the control points
+  std::vector<Vec3> velocity_;      // of the control points in the world, for sensors
   std::vector<double> stiffness_;   // K, 3×3 row-major block a pair
   std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
   std::vector<double> added_mass_;  // of each pair: h α m + mass difference
@@ -92,6 +99,9 @@ class SoftBody {
 
 // The soft body behind plugin instance `instance` of the model, or null if that is another plugin's.
 SoftBody* GetSoftBody(const mjModel* m, const mjData* d, int instance);
+
+// The plugin instance of the soft body whose moving frames hang on body `holder`, −1 for none.
+int SoftBodyHeldBy(const mjModel* m, int holder);
 
 void RegisterPlugin();
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from ctypes import CDLL
+from pathlib import Path
+
+import pytest
 
 if not any(os.environ.get(name) for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")):
     try:
@@ -11,3 +15,15 @@ if not any(os.environ.get(name) for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DI
         os.environ["MUJOCO_GL"] = "egl"
     except OSError:
         os.environ["MUJOCO_GL"] = "osmesa"
+
+
+@pytest.fixture
+def warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """What MuJoCo warns of, instead of writing it to MUJOCO_LOG.TXT."""
+    import mujoco
+
+    monkeypatch.chdir(tmp_path)
+    messages: list[str] = []
+    mujoco.set_mju_user_warning(messages.append)
+    yield messages
+    mujoco.set_mju_user_warning(None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -199,16 +198,6 @@ def test_attributes_are_the_plugins_in_its_order() -> None:
     library.mjp_getPlugin.restype = ctypes.POINTER(PluginHead)
     head = library.mjp_getPlugin(NAME.encode(), ctypes.byref(ctypes.c_int())).contents
     assert tuple(head.attributes[i].decode() for i in range(head.nattribute)) == ATTRIBUTES
-
-
-@pytest.fixture
-def warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
-    """What MuJoCo warns of, instead of writing it to MUJOCO_LOG.TXT."""
-    monkeypatch.chdir(tmp_path)
-    messages: list[str] = []
-    mujoco.set_mju_user_warning(messages.append)
-    yield messages
-    mujoco.set_mju_user_warning(None)
 
 
 FORBIDDEN = {

@@ -11,11 +11,13 @@ from pathlib import Path
 import mujoco
 import pytest
 from scenes import beam, lump
+from test_material_points import block
 from test_mjcf import DAMAGED, edited
 
 from mjframes import plugin
 from mjframes.body import build
 from mjframes.mjcf import attach
+from mjframes.sensors import add_sensor
 from mjframes.volume import Volume
 
 SOURCES = Path(__file__).parent.parent / "plugin"
@@ -95,10 +97,15 @@ def test_a_steak_among_things_leaves_the_sanitizers_silent(library: Path, tmp_pa
     if None in preloaded:
         pytest.skip("the compiler has no libasan.so; it comes with g++")
     spec = mujoco.MjSpec.from_string(SCENE)
+    turning = block("neo_hookean", frame_type=("rigid", "affine", "rigid"))
     steak = Volume.from_labels(Path(__file__).parent.parent / "models" / "steak.npz")
     attach(spec.worldbody, build(steak, 3, 10), "steak", (0, 0, 0.055))
     attach(spec.worldbody, beam(), "beam", (0.2, 0.1, 0.0))
     attach(spec.worldbody, lump(0.5, 0.001), "lump", (-0.4, 0.1, -0.3))
+    add_sensor(spec, beam(), "beam", "elastic_energy")
+    add_sensor(spec, beam(), "beam", "stress", [[0.05, 0.02, 0.02], [0.2, 0.02, 0.02]])
+    attach(spec.worldbody, turning, "block", (0.2, -0.3, 0.0))
+    add_sensor(spec, turning, "block", "strain", [[0.06, 0.02, 0.02]])
     spec.compile()
     scene = tmp_path / "scene.xml"
     scene.write_text(spec.to_xml())

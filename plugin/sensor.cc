@@ -1,0 +1,222 @@
+#include "sensor.h"
+
+#include <algorithm>
+#include <cstring>
+#include <optional>
+#include <string>
+
+#include "reader.h"
+
+namespace mjframes {
+namespace {
+
+constexpr const char* kAttributes[] = {
+    "quantity",
+    "region",     // of each point                                (n)
+    "gradient",   // ∇W_j, region's control points, point by point [1/m]
+    "constants",  // λ, μ, 0 or those of the law, point by point  (n × 3)
+    "slack",      // left out where it is zero                    (n × 9)
+};
+
+enum Quantity { kElasticEnergy, kKineticEnergy, kEnergyDensity, kStress, kStrain, kDeformationGradient, kQuantities };
+
+struct Kind {
+  const char* name;
+  int size;       // values of one point, or of the body
+  bool of_point;  // or of the whole body
+};
+
+constexpr Kind kKinds[kQuantities] = {
+    {"elastic_energy", 1, false},  // [J]
+    {"kinetic_energy", 1, false},  // [J]
+    {"energy_density", 1, true},   // [J/m³]
+    {"stress", 6, true},           // Cauchy's, in the world's axes: xx, yy, zz, yz, xz, xy [Pa]
+    {"strain", 6, true},           // Green's, in the volume's axes, in the same order
+    {"deformation_gradient", 9, true},
+};
+
+int QuantityOf(const char* name) {
+  for (int i = 0; i < kQuantities; i++) {
+    if (std::strcmp(kKinds[i].name, name) == 0) return i;
+  }
+  return -1;
+}
+
+void StoreSymmetric(const Mat3& a, mjtNum* out) {
+  const double values[6] = {a[0], a[4], a[8], a[5], a[2], a[1]};
+  std::copy_n(values, 6, out);
+}
+
+// The only sensor of the instance, −1 if there is none or more than one.
+int SensorOf(const mjModel* m, int instance) {
+  int found = -1;
+  for (int i = 0; i < m->nsensor; i++) {
+    if (m->sensor_plugin[i] != instance) continue;
+    if (found >= 0) return -1;
+    found = i;
+  }
+  return found;
+}
+
+}  // namespace
+
+int Sensor::Size(const mjModel* m, int instance) {
+  Reader reader(m, instance);
+  const int quantity = QuantityOf(reader.Text("quantity"));
+  if (quantity < 0) return 0;
+  if (!kKinds[quantity].of_point) return kKinds[quantity].size;
+  const size_t points = reader.Array<int32_t>("region").size();
+  return reader.ok() ? static_cast<int>(points) * kKinds[quantity].size : 0;
+}
+
+std::unique_ptr<Sensor> Sensor::Create(const mjModel* m, int instance) {
+  Reader reader(m, instance);
+  std::unique_ptr<Sensor> sensor(new Sensor());
+  sensor->quantity_ = QuantityOf(reader.Text("quantity"));
+  reader.Check(sensor->quantity_ >= 0,
+               "quantity has to be 'elastic_energy', 'kinetic_energy', 'energy_density', 'stress', 'strain' or "
+               "'deformation_gradient'");
+  const int id = SensorOf(m, instance);
+  if (reader.Check(id >= 0, "its instance has to belong to one sensor")) {
+    sensor->address_ = m->sensor_adr[id];
+    sensor->soft_ = m->sensor_objtype[id] == mjOBJ_BODY ? SoftBodyHeldBy(m, m->sensor_objid[id]) : -1;
+    reader.Check(sensor->soft_ >= 0, "objtype has to be 'body' and objname that of a soft body");
+  }
+  if (reader.ok() && kKinds[sensor->quantity_].of_point) sensor->ReadSamples(m, instance, &reader);
+  if (reader.ok() && m->sensor_dim[id] != Size(m, instance)) reader.Fail("its number of values is another one");
+  if (!reader.ok()) {
+    const char* name = id >= 0 ? m->names + m->name_sensoradr[id] : m->names + m->name_pluginadr[instance];
+    mju_warning("mjframes: sensor '%s': %s.", name, reader.error().c_str());
+    return nullptr;
+  }
+  return sensor;
+}
+
+void Sensor::ReadSamples(const mjModel* m, int, Reader* reader) {
+  // the soft body itself may not exist yet
+  Reader soft(m, soft_);
+  const std::optional<Law> law = LawOfName(soft.Text("law"));
+  const auto size = soft.Array<int32_t>("region_size");
+  const auto point = soft.Array<int32_t>("region_point");
+  const auto region = reader->Array<int32_t>("region");
+  const auto gradient = reader->Array<double>("gradient");
+  const auto constants = reader->Array<double>("constants");
+  const auto slack = reader->ArrayOr<double>("slack", 0, 9 * region.size());
+  constexpr char kMismatch[] = "its points are not those of the soft body: write the sensor again";
+  if (!reader->Check(soft.ok() && constants.size() == kLawConstants * region.size(), kMismatch)) return;
+  std::vector<size_t> first = {0};
+  for (const int32_t count : size) first.push_back(first.back() + std::max(count, 0));
+  if (!reader->Check(first.back() == point.size(), kMismatch)) return;
+  size_t g = 0;
+  for (size_t n = 0; n < region.size(); n++) {
+    const int32_t e = region[n];
+    if (!reader->Check(e >= 0 && e < static_cast<int32_t>(size.size()), kMismatch)) return;
+    Sample sample = {e, {point.begin() + first[e], point.begin() + first[e + 1]}, {}, {}, 0, 0};
+    if (!reader->Check(g + 3 * sample.point.size() <= gradient.size(), kMismatch)) return;
+    const double* own = constants.data() + kLawConstants * n;
+    if (law) {
+      const double volume = 1;
+      const LawParameters parameters = ParametersOf(*law, own);
+      quadrature_.emplace_back(*law, sample.point, gradient.data() + g, &volume, &parameters, 1,
+                               std::vector<int32_t>());
+    }
+    sample.lam = own[0];
+    sample.mu = own[1];
+    std::copy_n(slack.begin() + 9 * n, 9, sample.slack.begin());
+    for (size_t j = 0; j < sample.point.size(); j++, g += 3) {
+      sample.gradient.push_back({gradient[g], gradient[g + 1], gradient[g + 2]});
+    }
+    samples_.push_back(std::move(sample));
+  }
+  reader->Check(g == gradient.size(), kMismatch);
+  scratch_ = std::make_unique<QuadratureScratch>(quadrature_);
+}
+
+// In the soft body's own axes.
+PointState Sensor::StateOf(const SoftBody& body, size_t n) {
+  const std::vector<Vec3>& x = body.kinematics().x();
+  const Sample& sample = samples_[n];
+  PointState state{};
+  if (!quadrature_.empty()) {
+    QuadratureStates(quadrature_[n], x.data(), scratch_.get(), &state);
+    return state;
+  }
+  const Region& region = body.regions()[sample.region];
+  const int m = region.size();
+  const Mat3 R = RegionRotation(region, x.data(), kIdentity);
+  Vec3 mean{};
+  for (const int32_t j : sample.point) mean = mean + (1.0 / m) * x[j];
+  Mat3 slope{};
+  for (int j = 0; j < m; j++) {
+    const Vec3 arm = x[sample.point[j]] - mean;
+    const Vec3 y = MulT(R, arm) - region.rest[j];
+    for (int e = 0; e < 9; e++) {
+      slope[e] += y[e / 3] * sample.gradient[j][e % 3];
+      state.F[e] += arm[e / 3] * sample.gradient[j][e % 3];
+    }
+  }
+  Mat3 strain, stress;
+  double square = 0;
+  const double trace = slope[0] + slope[4] + slope[8];
+  for (int e = 0; e < 9; e++) {
+    state.F[e] += sample.slack[e];
+    strain[e] = 0.5 * (slope[e] + slope[3 * (e % 3) + e / 3]);
+    square += strain[e] * strain[e];
+    stress[e] = 2 * sample.mu * strain[e] + (e % 4 == 0 ? sample.lam * trace : 0);
+  }
+  state.energy = 0.5 * sample.lam * trace * trace + sample.mu * square;
+  state.cauchy = Mul(Mul(R, stress), Transpose(R));
+  return state;
+}
+
+void Sensor::Compute(const mjModel* m, mjData* d) {
+  SoftBody* body = GetSoftBody(m, d, soft_);
+  mjtNum* out = d->sensordata + address_;
+  body->Gather(m, d);
+  if (quantity_ == kElasticEnergy) *out = body->ElasticEnergy();
+  if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
+  const Mat3 axes = body->kinematics().Axes(d);
+  for (size_t n = 0; n < samples_.size(); n++, out += kKinds[quantity_].size) {
+    const PointState state = StateOf(*body, n);
+    if (quantity_ == kEnergyDensity) *out = state.energy;
+    if (quantity_ == kStress) StoreSymmetric(Mul(Mul(axes, state.cauchy), Transpose(axes)), out);
+    if (quantity_ == kStrain) {
+      Mat3 strain = Mul(Transpose(state.F), state.F);
+      for (int e = 0; e < 9; e++) strain[e] = 0.5 * (strain[e] - kIdentity[e]);
+      StoreSymmetric(strain, out);
+    }
+    if (quantity_ == kDeformationGradient) {
+      const Mat3 F = Mul(axes, state.F);
+      std::copy(F.begin(), F.end(), out);
+    }
+  }
+}
+
+void RegisterSensor() {
+  mjpPlugin plugin;
+  mjp_defaultPlugin(&plugin);
+  plugin.name = kSensorName;
+  plugin.capabilityflags = mjPLUGIN_SENSOR;
+  plugin.needstage = mjSTAGE_VEL;
+  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
+  plugin.attributes = kAttributes;
+  plugin.nstate = +[](const mjModel*, int) { return 0; };
+  plugin.nsensordata = +[](const mjModel* m, int instance, int) { return Sensor::Size(m, instance); };
+  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
+    std::unique_ptr<Sensor> sensor = Sensor::Create(m, instance);
+    if (!sensor) return -1;
+    d->plugin_data[instance] = reinterpret_cast<uintptr_t>(sensor.release());
+    return 0;
+  };
+  plugin.destroy = +[](mjData* d, int instance) {
+    delete reinterpret_cast<Sensor*>(d->plugin_data[instance]);
+    d->plugin_data[instance] = 0;
+  };
+  plugin.reset = +[](const mjModel*, mjtNum*, void*, int) {};
+  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int) {
+    reinterpret_cast<Sensor*>(d->plugin_data[instance])->Compute(m, d);
+  };
+  mjp_registerPlugin(&plugin);
+}
+
+}  // namespace mjframes

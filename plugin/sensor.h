@@ -1,0 +1,65 @@
+// mjframes.sensor: energies of a soft body, and stress and strain at points of its material, as MuJoCo sensors.
+//
+//   F = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ)
+//   ε = sym(Σ_j y_j ∇W_jᵀ), y_j = Rᵀ x_j − x̄_j              corotational, R of the point's region
+//   ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
+//
+// The sensor's object is the body that holds the soft body. F maps volume coordinates to the world, σ is in the world's
+// axes. Each sensor has an instance of its own. Computed in the velocity stage, from positions and velocities alone.
+// Index letters: n material point; j control point.
+
+#ifndef MJFRAMES_PLUGIN_SENSOR_H_
+#define MJFRAMES_PLUGIN_SENSOR_H_
+
+#include <mujoco/mujoco.h>
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "linear.h"
+#include "quadrature.h"
+#include "soft.h"
+
+namespace mjframes {
+
+inline constexpr char kSensorName[] = "mjframes.sensor";
+
+// A point of the material.
+struct Sample {
+  int32_t region;
+  std::vector<int32_t> point;  // control points of the region              (m)
+  std::vector<Vec3> gradient;  // ∇W_j there [1/m]                           (m)
+  Mat3 slack;                  // I − Σ_j x̄_j ∇W_jᵀ, 0 where all frames can turn
+  double lam, mu;              // of the corotational law [Pa]
+};
+
+class Sensor {
+ public:
+  // Validates instance `instance` of the model; on failure warns in one sentence and returns null.
+  static std::unique_ptr<Sensor> Create(const mjModel* m, int instance);
+
+  // Number of values that the instance's sensor has, 0 where its configuration is not valid.
+  static int Size(const mjModel* m, int instance);
+
+  void Compute(const mjModel* m, mjData* d);
+
+ private:
+  Sensor() = default;
+
+  void ReadSamples(const mjModel* m, int instance, Reader* reader);
+  PointState StateOf(const SoftBody& body, size_t n);
+
+  int quantity_ = 0;                          // place in the table of quantities
+  int soft_ = -1;                             // the soft body's plugin instance
+  int address_ = 0;                           // in sensordata
+  std::vector<Sample> samples_;               // none for energies of the whole body
+  std::vector<QuadratureRegion> quadrature_;  // one a sample, of another law than the corotational one
+  std::unique_ptr<QuadratureScratch> scratch_;
+};
+
+void RegisterSensor();
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_SENSOR_H_
