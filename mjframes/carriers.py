@@ -63,6 +63,7 @@ def carriers(body: SoftBody, links: dict[str, Pose]) -> list[Carrier]:
             pose = compose(outer, (np.eye(3), np.array(offset)))
             inertia, quat = _inertia(body, some, pose) if shared else (printable(np.zeros(3)), [1.0, 0.0, 0.0, 0.0])
             least = (LEAST_INERTIA if shared else SLIDER_INERTIA) * mass.sum() * size**2
+            least = max(least, 10.0**-DIGITS)  # of a body of a few millimetres it would round to zero
             found.append(
                 Carrier(
                     points=some,

@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `report`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `report`, `check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -192,6 +192,13 @@ def bench(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def check(arguments: argparse.Namespace) -> int:
+    """Run bodies through extreme states; print and write what became of them."""
+    from mjframes.check import main as try_out
+
+    return try_out(Path(arguments.out), arguments.quick)
+
+
 def largest_piece(volume: Volume) -> Volume:
     """The volume without its smaller pieces; prints how much that is."""
     largest = volume.largest_component()
@@ -340,6 +347,11 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("doctor", help="tell what is installed and whether it works")
     command.set_defaults(command=doctor)
+
+    command = commands.add_parser("check", help="try out the numerical stability: stiff bodies, large steps, impacts")
+    command.set_defaults(command=check)
+    command.add_argument("--quick", action="store_true", help="a tenth of the runs")
+    command.add_argument("--out", default="out", metavar="FOLDER", help="of table and map (default %(default)s)")
     return parser
 
 

@@ -37,6 +37,7 @@ CONSTANTS: dict[Law, tuple[str, ...]] = {
 SEGMENTS = 8.0  # [-] N of arruda_boyce unless given: chains are straight at a stretch of 2.8 and more
 LEAST_VOLUME = 1e-6  # [-] least |J| that Cauchy's stress is divided by
 COLLAPSING = 1.5  # [-] I₁ below which ρ departs from it; at 0.9 it would leave a second minimum for ν = 0
+REACH = 1.0  # [-] of F along an eigenvector of ∂P/∂F: the longest Newton step; strains below it are not affected
 CHAINS = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)  # Arruda and Boyce's series
 
 
@@ -151,13 +152,17 @@ def hessian(parameters: LawParameters, F: Array) -> Array:
 
 
 def projected_hessian(parameters: LawParameters, F: Array) -> Array:
-    """∂P/∂F (q, 9, 9) [Pa] with the magnitudes of its eigenvalues, positive semi-definite.
+    """∂P/∂F (q, 9, 9) [Pa] with the magnitudes of its eigenvalues λ, positive semi-definite; no Newton step from it is
+    longer than `REACH` along an eigenvector n, in F or to the largest stretch σ: max(|λ|, |P·n| / (REACH max(1, σ))).
 
     With zero for negative ones a crumpled body has nothing but its mass against a large force there, and large steps
-    throw it apart (Chen et al., Stabler Neo-Hookean Simulation, SIGGRAPH 2024).
+    throw it apart (Chen et al., Stabler Neo-Hookean Simulation, SIGGRAPH 2024); so do those eigenvalues that pass
+    through zero on the way to rest, where the stress does not.
     """
     values, vectors = np.linalg.eigh(hessian(parameters, F))
-    return np.einsum("qen,qn,qfn->qef", vectors, np.abs(values), vectors)
+    load = np.einsum("qe,qen->qn", stress(parameters, F).reshape(-1, 9), vectors)
+    reach = REACH * np.maximum(1, np.linalg.norm(F, 2, axis=(1, 2)))
+    return np.einsum("qen,qn,qfn->qef", vectors, np.maximum(np.abs(values), np.abs(load) / reach[:, None]), vectors)
 
 
 def cauchy_stress(parameters: LawParameters, F: Array) -> Array:

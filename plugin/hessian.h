@@ -11,7 +11,10 @@
 //
 // These are (ψ_i ± ψ_j)/(σ_i ± σ_j) divided out, so that equal and opposite σ are no special case. Eigenvalues are
 // taken by their magnitude (Chen et al., Stabler Neo-Hookean Simulation, 2024): with zero for negative ones a crumpled
-// body had nothing but its mass against a large force there, and steps of 4 ms threw it apart.
+// body had nothing but its mass against a large force there, and steps of 4 ms threw it apart. On the way to rest some
+// pass through zero where the stress does not, and the step grows without bound: a stiff bar of ten times its length
+// flew apart. So a block's eigenvalue λ along n becomes max(|λ|, |p·n| / (kReach max(1, σ₀))), p the principal
+// stresses: no step of Newton's goes further than that.
 
 #ifndef MJFRAMES_PLUGIN_HESSIAN_H_
 #define MJFRAMES_PLUGIN_HESSIAN_H_
@@ -20,6 +23,8 @@
 #include "svd.h"
 
 namespace mjframes {
+
+inline constexpr double kReach = 1;  // [-] the longest Newton step, in F; strains well below it are not affected
 
 struct Invariants {
   Lanes cofactor[9];  // J F⁻ᵀ
@@ -64,8 +69,8 @@ MJFRAMES_INLINE void FirstPiola(const Lanes* F, const Invariants& is, const Slop
   }
 }
 
-// |A|, the symmetric A (row major) with the magnitudes of its eigenvalues, in place.
-MJFRAMES_INLINE void ProjectBlock(Lanes* A) {
+// The symmetric A (row major) with eigenvalues max(|λ|, |p·n| / reach), n the eigenvector, in place.
+MJFRAMES_INLINE void ProjectBlock(const Lanes* p, const Lanes& reach, Lanes* A) {
   // A + c I is positive, so that its singular vectors are A's eigenvectors
   Lanes square = Fill(0), B[9], V[9];
   for (int e = 0; e < 9; e++) square += A[e] * A[e];
@@ -75,7 +80,9 @@ MJFRAMES_INLINE void ProjectBlock(Lanes* A) {
   Lanes excess[3];  // what to add to each eigenvalue
   for (int c = 0; c < 3; c++) {
     const Lanes value = Sqrt(B[c] * B[c] + B[3 + c] * B[3 + c] + B[6 + c] * B[6 + c]) - shift;
-    excess[c] = 2.0 * Positive(-value);
+    const Lanes least = Magnitude(p[0] * V[c] + p[1] * V[3 + c] + p[2] * V[6 + c]) / reach;
+    const Lanes size = Magnitude(value);
+    excess[c] = (size > least ? size : least) - value;
   }
   for (int r = 0; r < 3; r++) {
     for (int s = r; s < 3; s++) {
@@ -92,12 +99,13 @@ MJFRAMES_INLINE void ProjectedHessian(const Lanes* F, const Slopes& of, Lanes* H
   Lanes U[9], V[9], sigma[3];
   SignedSvd(F, U, sigma, V);
 
-  Lanes A[9], same[3], crossed[3];  // by k: (twist ± flip)/2, on (ij, ij) and on (ij, ji)
+  Lanes A[9], p[3], same[3], crossed[3];  // by k: (twist ± flip)/2, on (ij, ij) and on (ij, ji)
   for (int i = 0; i < 3; i++) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;
     const Lanes ji = sigma[j] * sigma[k], jj = sigma[i] * sigma[k];  // J/σ_i, J/σ_j
     A[4 * i] = 2.0 * of.f1 + 4.0 * of.f2 * sigma[i] * sigma[i] +
                2.0 * of.second * (sigma[j] * sigma[j] + sigma[k] * sigma[k]) + of.volume * ji * ji;
+    p[i] = 2.0 * sigma[i] * (of.f1 + of.second * (sigma[j] * sigma[j] + sigma[k] * sigma[k])) + of.g1 * ji;
     const Lanes product = sigma[i] * sigma[j];
     const Lanes mixed = 4.0 * (of.f2 + of.second) * product + of.volume * ji * jj + of.g1 * sigma[k];
     A[3 * i + j] = A[3 * j + i] = mixed;
@@ -107,7 +115,7 @@ MJFRAMES_INLINE void ProjectedHessian(const Lanes* F, const Slopes& of, Lanes* H
     same[k] = 0.5 * (flip + twist);
     crossed[k] = 0.5 * (flip - twist);
   }
-  ProjectBlock(A);
+  ProjectBlock(p, kReach * (sigma[0] > 1.0 ? sigma[0] : Fill(1)), A);
 
   // H = Σ M_ij ⊗ R_ij, M_ij = u_i v_jᵀ
   Lanes M[9][9], R[9][9];

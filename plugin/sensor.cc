@@ -82,7 +82,7 @@ std::unique_ptr<Sensor> Sensor::Create(const mjModel* m, int instance) {
     sensor->soft_ = m->sensor_objtype[id] == mjOBJ_BODY ? SoftBodyHeldBy(m, m->sensor_objid[id]) : -1;
     reader.Check(sensor->soft_ >= 0, "objtype has to be 'body' and objname that of a soft body");
   }
-  if (reader.ok() && kKinds[sensor->quantity_].of_point) sensor->ReadSamples(m, instance, &reader);
+  if (reader.ok() && kKinds[sensor->quantity_].of_point) sensor->ReadSamples(m, &reader);
   if (reader.ok() && m->sensor_dim[id] != Size(m, instance)) reader.Fail("its number of values is another one");
   if (!reader.ok()) {
     const char* name = id >= 0 ? m->names + m->name_sensoradr[id] : m->names + m->name_pluginadr[instance];
@@ -92,7 +92,7 @@ std::unique_ptr<Sensor> Sensor::Create(const mjModel* m, int instance) {
   return sensor;
 }
 
-void Sensor::ReadSamples(const mjModel* m, int, Reader* reader) {
+void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
   // the soft body itself may not exist yet
   Reader soft(m, soft_);
   const std::optional<Law> law = LawOfName(soft.Text("law"));

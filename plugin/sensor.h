@@ -47,7 +47,7 @@ class Sensor {
  private:
   Sensor() = default;
 
-  void ReadSamples(const mjModel* m, int instance, Reader* reader);
+  void ReadSamples(const mjModel* m, Reader* reader);
   PointState StateOf(const SoftBody& body, size_t n);
 
   int quantity_ = 0;                          // place in the table of quantities

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from mjframes.errors import MjframesError
 from mjframes.laws import (
     LAWS,
+    REACH,
     Law,
     LawParameters,
     cauchy_stress,
@@ -213,7 +214,10 @@ def test_plugins_hessian_is_positive_semidefinite(parameters):
 def test_a_definite_hessian_is_left_alone(parameters):
     F = np.eye(3) + 0.02 * np.random.default_rng(5).normal(size=(400, 3, 3))
     exact = hessian(parameters, F)
-    definite = np.linalg.eigvalsh(exact)[:, 0] > 0
+    values, vectors = np.linalg.eigh(exact)
+    # of nearly incompressible points some are further than a strain of 1 from where the slopes point
+    within = np.abs(np.einsum("qe,qen->qn", stress(parameters, F).reshape(-1, 9), vectors)) < REACH * values
+    definite = (values[:, 0] > 0) & within.all(axis=1)
     assert 10 < definite.sum() < 390  # compressed points have a few negative eigenvalues
     H = respond(parameters, F)[3]
     assert np.abs(H - exact)[definite].max() < 1e-13 * np.abs(exact).max()
