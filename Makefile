@@ -3,6 +3,7 @@
 #   make test          all tests, on the MuJoCo that dm_control supports
 #   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
 #   make bench         steps per second and precomputation times
+#   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
 #   make lint          what CI and pre-commit hold the code to
 
 PYTHON3 ?= python3
@@ -17,7 +18,7 @@ define draw
 MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.doctor import working_backend as w; print(w() or "")')
 endef
 
-.PHONY: demo test test-mujoco4 bench lint format clean
+.PHONY: demo test test-mujoco4 bench report lint format clean
 
 demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
@@ -29,7 +30,10 @@ test-mujoco4: $(VENV4)/installed
 	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q -m "not dm_control"
 
 bench: $(VENV)/installed
-	$(VENV)/bin/python -m mjframes.bench
+	$(VENV)/bin/mjframes bench
+
+report: $(VENV)/installed $(VENV4)/installed
+	$(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
 
 lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check
@@ -56,7 +60,7 @@ $(VENV)/installed-lint: $(VENV)/installed
 	touch $@
 
 $(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip
-	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,meshes,video,log,plot,test]" mujoco==$(MUJOCO4)
+	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,meshes,video,log,report,test]" mujoco==$(MUJOCO4)
 	touch $@
 
 %/bin/pip:

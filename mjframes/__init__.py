@@ -25,17 +25,19 @@ from mjframes.errors import MjframesError
 
 if TYPE_CHECKING:
     from mjframes.body import SoftBody, build
+    from mjframes.contact import Contact
     from mjframes.material import Material
     from mjframes.mjcf import attach
     from mjframes.supports import Attached, Fixed
     from mjframes.view import soft
     from mjframes.volume import Volume
 
-__all__ = ["Attached", "Fixed", "Material", "MjframesError", "SoftBody", "Volume", "attach", "build", "soft"]
+__all__ = ["Attached", "Contact", "Fixed", "Material", "MjframesError", "SoftBody", "Volume", "attach", "build", "soft"]
 
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
     "Attached": "supports",
+    "Contact": "contact",
     "Fixed": "supports",
     "Material": "material",
     "SoftBody": "body",

@@ -17,11 +17,13 @@ from mjframes.control import ControlPoints
 from mjframes.errors import MjframesError
 from mjframes.fields import pack_fields, unpack_fields
 from mjframes.files import replacing
+from mjframes.lattice import Lattice
 from mjframes.material import Material
 from mjframes.quadrature import Quadrature
 from mjframes.stiffness import Stiffness
 
 KIND = "mjframes soft body"
+LATTICE = ("spacing", "origin", "shape", "node", "distance", "patch", "spheres")  # and its weights
 
 
 def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
@@ -57,13 +59,18 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "contact_radius": np.array(body.contact.radius),
         "contact_patch": body.contact.patch,
         "contact_cluster": body.contact.cluster,
+        **{f"lattice_{name}": np.asarray(getattr(body.lattice, name)) for name in LATTICE},
         "damping": np.array(body.damping),
         "voxels": np.array(body.voxels),
         "materials": np.array(json.dumps({label: asdict(m) for label, m in body.materials.items()})),
     }
     if body.quadrature is not None:
         arrays |= _packed_quadrature(body.quadrature)
-    for name, weights in (("skin", body.skin.weights), ("contact", body.contact.weights)):
+    for name, weights in (
+        ("skin", body.skin.weights),
+        ("contact", body.contact.weights),
+        ("lattice", body.lattice.weights),
+    ):
         arrays |= {f"{name}_weight": weights.data, f"{name}_index": weights.indices, f"{name}_row": weights.indptr}
     arrays |= pack_fields(body.fields)
     with replacing(path, "the soft body") as partial, open(partial, "wb") as file:
@@ -121,6 +128,11 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
             arrays["contact_patch"],
             arrays["contact_cluster"],
             weights("contact"),
+        ),
+        lattice=Lattice(
+            spacing=float(arrays["lattice_spacing"]),
+            weights=weights("lattice"),
+            **{name: arrays[f"lattice_{name}"] for name in LATTICE if name != "spacing"},
         ),
         materials=materials,
         damping=(float(arrays["damping"][0]), float(arrays["damping"][1])),

@@ -1,4 +1,4 @@
-"""How long the precomputation takes and how many steps a second there are: `python -m mjframes.bench`.
+"""How long the precomputation takes and how many steps a second there are: `mjframes bench`.
 
 The volume and the three sizes are those of the paper's Table 2. A soft body's step is compared with steps of the same
 MuJoCo bodies, of the same masses on the same slides, from whose model the plugin was taken out, which is what any such
@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import os
 import platform
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from mjframes.bench_large import GROWTH, Job, Measured, draw_growth, jobs_of, measure, ring_file, standard_jobs
 from mjframes.body import SoftBody, build
 from mjframes.cache import SWITCH
 from mjframes.files import replacing
@@ -48,6 +50,10 @@ STEP_NOTE = f"""\
 {SPHERES}: the same bodies without the plugin, on the floor by as many spheres; what "{SOFT}" is divided by.
 {BODIES}: the same bodies without the plugin, falling freely; what "{AIR}" is divided by.
 The paper's frames a second include drawing, on a processor of 2.67 GHz of its time."""
+
+LARGE_NOTE = """\
+The faster of two runs, each in a process of its own, with the kernels compiled. Processor seconds: of all threads.
+Bytes a cell: by how much the process grew, over the cells of the grid."""
 
 PARTS = ("position", "collision", "forces", "solver", "other")
 PROFILE_NOTE = """\
@@ -110,9 +116,7 @@ class Run:
 def main() -> None:
     """Measures, prints tables, and writes every number to out/bench.csv."""
     os.environ[SWITCH] = "0"  # stages that were kept from an earlier run would flatter the times
-    console = Console()
-    if not console.is_terminal:
-        console.width = 160  # tables are as wide as they need; a pipe's 80 columns would break them
+    console = _console()
     rows: list[tuple[object, ...]] = [("machine", "", "", name, text, "") for name, text in machine().items()]
     for _, _, _, name, text, _ in rows:
         console.print(f"{name:9}  {text}", highlight=False)
@@ -127,6 +131,12 @@ def main() -> None:
     profiles = {run.size: profile(run, STEPS) for run in runs if run.name == SOFT}
     _show(console, profile_table(profiles), PROFILE_NOTE)
 
+    with tempfile.TemporaryDirectory() as folder:
+        large = list(measure(standard_jobs(folder)))
+    _show(console, large_table(large), LARGE_NOTE)
+
+    rows += [("large", m.job.frames, m.job.samples, f"{m.cells} cells", m.seconds, "s") for m in large]
+    rows += [("memory", m.job.frames, m.job.samples, f"{m.cells} cells", m.memory / m.cells, "byte") for m in large]
     rows += [("build", *b.size, stage, seconds, "s") for b in buildings for stage, seconds in b.stages.items()]
     rows += [("build", *b.size, "total", b.total, "s") for b in buildings]
     rows += [("step", *s.size, s.name, s.step, "s") for s in speeds]
@@ -138,6 +148,34 @@ def main() -> None:
     with replacing(OUTPUT, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([("table", "frames", "samples", "row", "value", "unit"), *rows])
     console.print(f"\n{OUTPUT} holds all of these numbers.", highlight=False)
+
+
+def main_of_file(source: str, count: int | None, frames: Sequence[int]) -> None:
+    """The row of Table 2 for a mesh in a grid of `count` cells, or for a volume of `count` voxels."""
+    _show(_console(), large_table(list(measure(jobs_of(source, count, frames)))), LARGE_NOTE)
+
+
+def main_of_growth(picture: str) -> None:
+    """A picture (.png) of time and memory from 10⁴ to 2·10⁷ cells."""
+    with tempfile.TemporaryDirectory() as folder:
+        ring = ring_file(folder)
+        measured = list(measure([Job(ring, cells, 10, 41) for cells in GROWTH]))
+    draw_growth(measured, picture)
+    _show(_console(), large_table(measured), f"{LARGE_NOTE}\n{picture} shows them.")
+
+
+def large_table(measured: Sequence[Measured]) -> Table:
+    """One row a body."""
+    columns = ("cells", "voxels", "seconds", "processor seconds", "bytes a cell", "the paper's seconds")
+    table = _table("Precomputation of large volumes, from the file to the saved body", *columns)
+    for m in measured:
+        size = _label((m.job.frames, m.job.samples))
+        table.add_row(
+            f"{Path(m.job.source).stem}, {size}",
+            *(f"{m.cells:,}", f"{m.voxels:,}", f"{m.seconds:.2f}", f"{m.processor:.2f}", f"{m.memory / m.cells:.0f}"),
+            f"{m.job.paper[1]:g} ({m.job.paper[0]})" if m.job.paper else "",
+        )
+    return table
 
 
 def machine() -> dict[str, str]:
@@ -329,6 +367,13 @@ def _processor() -> str:
     return names[0] if names else platform.processor() or "unknown"
 
 
+def _console() -> Console:
+    console = Console()
+    if not console.is_terminal:
+        console.width = 160  # tables are as wide as they need; a pipe's 80 columns would break them
+    return console
+
+
 def _show(console: Console, table: Table, note: str = "") -> None:
     console.print()
     console.print(table)
@@ -346,7 +391,3 @@ def _table(title: str, *columns: str) -> Table:
     for column in columns:
         table.add_column(column, justify="right")
     return table
-
-
-if __name__ == "__main__":
-    main()

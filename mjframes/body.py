@@ -17,6 +17,7 @@ from mjframes.control import ControlPoints, control_points, control_weights, fra
 from mjframes.errors import MjframesError
 from mjframes.fields import Fields
 from mjframes.grid import voxel_grid
+from mjframes.lattice import Lattice, rest_lattice
 from mjframes.laws import LAWS
 from mjframes.mass import mass_difference
 from mjframes.material import Material
@@ -77,8 +78,8 @@ class SoftBody:
     region [-].  law: of its elasticity; law_constants: (t, 3) of each material, and quadrature: the points where it
     is evaluated, for a law other than "corotational".  mass_difference: consistent minus lumped mass matrix of each
     region (m, m) [kg], none for lumped mass.  mode: "implicit" or "explicit".  skin, contact: its surfaces.
-    materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how many.  fields: what is known at each
-    voxel.
+    lattice: its rest shape, for contact.  materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how
+    many.  fields: what is known at each voxel.
     """
 
     parent: np.ndarray
@@ -94,6 +95,7 @@ class SoftBody:
     mode: str
     skin: Skin
     contact: ContactSpheres
+    lattice: Lattice
     materials: dict[int, Material]
     damping: tuple[float, float]
     voxels: int
@@ -179,6 +181,8 @@ def build(
     cores, links = held_cores(grid, fixed, attached)
     placement = place_frames(grid, frames, at, seed, cores)
     types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
+    if len(types) == 1 and types[0] in ("point", "rigid"):
+        raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
     progress("computing the weights")
     shape_functions = frame_weights(grid, placement, weights, subdivisions)
     progress("splitting the regions")
@@ -207,6 +211,9 @@ def build(
         surface_weights(grid, shape_functions, spheres.positions), control, spheres.positions
     )
     patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
+    spheres = spheres.sorted(patches.order)
+    sphere_weights = sparse.csr_array(sphere_weights[patches.order])
+    lattice = rest_lattice(grid, shape_functions, control, surface, spheres, patches.patch, sphere_weights)
     return SoftBody(
         parent=tree.parent,
         types=tuple(types),
@@ -226,12 +233,13 @@ def build(
             control_weights(surface_weights(grid, shape_functions, surface.vertices), control, surface.vertices),
         ),
         contact=ContactSpheres(
-            spheres.positions[patches.order],
+            spheres.positions,
             spheres.radius,
             patches.patch,
             patches.cluster,
-            sparse.csr_array(sphere_weights[patches.order]),
+            sphere_weights,
         ),
+        lattice=lattice,
         materials=dict(volume.materials),
         damping=(alpha, beta),
         voxels=len(grid.index),

@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `view`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `report`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -83,6 +83,10 @@ def build(arguments: argparse.Namespace) -> int:
             weights=arguments.weights,
             subdivisions=arguments.subdivisions,
             relax=arguments.relax,
+            law=arguments.law,
+            mass=arguments.mass,
+            mode=arguments.mode,
+            damping=arguments.damping,
             progress=status.update,
         )
         status.update("writing")
@@ -154,11 +158,38 @@ def view(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def report(arguments: argparse.Namespace) -> int:
+    """Measure error and run time against finite elements and flex."""
+    from rich.console import Console
+
+    from mjframes.report import write_report
+
+    start = time.perf_counter()
+    folder = Path(arguments.output)
+    with Console(stderr=True).status("starting") as status:
+        write_report(folder, arguments.quick, arguments.mujoco4, dict(arguments.model), status.update)
+    print(f"{folder / 'report.md'}: {time.perf_counter() - start:.0f} s")
+    return 0
+
+
 def doctor(arguments: argparse.Namespace) -> int:
     """Print what is installed and whether it works."""
     from mjframes.doctor import main as examine
 
     return examine()
+
+
+def bench(arguments: argparse.Namespace) -> int:
+    """Measure precomputation and steps."""
+    from mjframes import bench as benchmark
+
+    if arguments.growth:
+        benchmark.main_of_growth(arguments.growth)
+    elif arguments.file:
+        benchmark.main_of_file(arguments.file, arguments.count, arguments.frames)
+    else:
+        benchmark.main()
+    return 0
 
 
 def largest_piece(volume: Volume) -> Volume:
@@ -227,7 +258,26 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
-        "--frame-type", choices=("affine", "quadratic"), default="affine", help="of all frames (default %(default)s)"
+        "--frame-type", choices=("affine", "quadratic", "rigid", "point"), default="affine",
+        help="of all frames (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--law", choices=("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"),
+        default="corotational", help="of elasticity (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--mass", choices=("lumped", "consistent"), default="lumped", help="mass matrix (default %(default)s)"
+    )
+    command.add_argument(
+        "--mode", choices=("implicit", "explicit"), default="implicit",
+        help="explicit needs small steps and allows RK4 (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--damping",
+        type=_rates,
+        default=(0.0, 0.0),
+        metavar="ALPHA,BETA",
+        help="Rayleigh's, [1/s] and [s] (default 0,0)",
     )
     command.add_argument(
         "--weights", choices=("voronoi", "harmonic", "linear"), default="voronoi", help="(default %(default)s)"
@@ -265,6 +315,29 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(command=view)
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
 
+    command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
+    command.set_defaults(command=bench)
+    command.add_argument("file", nargs="?", metavar="FILE", help="only the precomputation of this mesh or volume")
+    sizes = command.add_mutually_exclusive_group()
+    sizes.add_argument("--cells", dest="count", type=_amount, metavar="N", help="of a mesh's grid (default 7e6)")
+    sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
+    command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
+    command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
+
+    command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
+    command.set_defaults(command=report)
+    command.add_argument("-o", "--output", default="report", metavar="FOLDER", help="(default %(default)s)")
+    command.add_argument("--quick", action="store_true", help="a few small cases, under three minutes")
+    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
+    command.add_argument(
+        "--model",
+        type=_model,
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="dragon, ribbon, knee or rat, for the paper's Table 2: a label image or a mesh",
+    )
+
     command = commands.add_parser("doctor", help="tell what is installed and whether it works")
     command.set_defaults(command=doctor)
     return parser
@@ -274,6 +347,16 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)
+
+
+def _amount(text: str) -> int:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 1000):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1000 on")
+    return int(value)
 
 
 def _spacing(text: str) -> tuple[float, ...]:
@@ -286,6 +369,16 @@ def _spacing(text: str) -> tuple[float, ...]:
     return values * (3 // len(values))
 
 
+def _rates(text: str) -> tuple[float, float]:
+    try:
+        alpha, beta = (float(part) for part in text.split(","))
+    except ValueError:
+        alpha = beta = math.nan
+    if not (math.isfinite(alpha) and math.isfinite(beta) and min(alpha, beta) >= 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not two rates ≥ 0 with a comma between")
+    return alpha, beta
+
+
 def _factor(text: str) -> float:
     try:
         value = float(text)
@@ -294,6 +387,13 @@ def _factor(text: str) -> float:
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
     return value
+
+
+def _model(text: str) -> tuple[str, str]:
+    name, equals, file = text.partition("=")
+    if not (name and equals and file):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FILE")
+    return name, file
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -85,7 +85,7 @@ def empty_products(material: tuple[float, float, float], f: int, m: int, cells: 
 
 def add_points(
     total: Products,
-    volume: float,
+    volume: float | Array,
     place: Array,
     weights: Array,
     slopes: Array,
@@ -93,7 +93,7 @@ def add_points(
     gradients: Array,
     in_cells: tuple[NDArray[np.integer], Array] | None,
 ) -> None:
-    """Add points to `total`, each of `volume` [m³].
+    """Add points to `total`, each of `volume` [m³], or of volumes (s,) of their own.
 
     place: (s, 3) in the region, from −1 to 1.  weights: (s, f) w_i, slopes: (s, f, 3) ∇w_i [1/m].  functions: (s, m)
     W_j, gradients: (s, m, 3) ∇W_j [1/m].  in_cells: the cell (s,) of each point and its place (s, 3) in it, from
@@ -103,13 +103,15 @@ def add_points(
     g = 3 * m + _LOWER
     fields, values = _fields(_POWERS, _LOWER, place, weights, slopes, functions, gradients)
     columns, weighted, stretch = np.split(fields, [g, g + 1 + f], axis=1)
-    total.gram[:] += volume * (columns.T @ columns)
-    total.mean[:] += volume * (weighted[:, 0] @ columns)
-    total.sums[:] += volume * (weighted.T @ values)
+    own, factor = (columns, volume) if isinstance(volume, float) else (columns * np.reshape(volume, (-1, 1)), 1.0)
+    moved, tested = own[:, : 3 * m].reshape(-1, m, 3), own[:, 3 * m :]
+    total.gram[:] += factor * (own.T @ columns)  # of equal volumes the same factor twice: half the work
+    total.mean[:] += factor * (weighted[:, 0] @ own)
+    total.sums[:] += (weighted * np.reshape(volume, (-1, 1))).T @ values
     for a in range(3):
         by_component = stretch[:, 4 * f * a : 4 * f * (a + 1)].T
-        total.stretch[:] += volume * (by_component @ gradients[:, :, a])
-        total.stretch_by[:, a] += volume * (by_component @ columns[:, 3 * m :])
+        total.stretch[:] += factor * (by_component @ moved[:, :, a])
+        total.stretch_by[:, a] += factor * (by_component @ tested)
     if total.moments is not None and in_cells is not None:
         fields *= volume
         add_moments(*in_cells, fields, total.moments)
@@ -162,16 +164,16 @@ def relaxed_matrix(parts: list[Products], length: float, cells: CellGrid | None,
     one = np.ones(len(parts))
     seen = np.vstack([total(one, "sums")[:, :m], total(one, "mean")[: 3 * m].reshape(m, 3).T, total(one, "stretch")])
     unseen = _null_space(seen)
-    h1 = unseen @ np.einsum("jaka->jk", gram_mu.reshape(len(columns), 3, -1, 3))[:m]
+    h1 = np.einsum("jaka->jk", gram_mu.reshape(len(columns), 3, -1, 3))[:m]
     u = len(energy)
     held, free = slice(0, 3 * m), slice(3 * m, None)
     if cells is None:
-        constraints = _by_component(_constraints(rows[:, m:], h1[:, m:]))
+        constraints = _by_component(_constraints(rows[:, m:], h1[:, m:], unseen))
         energy[free, held] -= constraints.T @ (constraints @ energy[free, held])
         return _minimum(energy, np.hstack([np.zeros((len(constraints), 3 * m)), constraints]), 3 * m)
 
     nodal_rows, nodal_h1, coupling = _nodal(cells, parts, columns, f, m)
-    constraints = _constraints(np.hstack([rows[:, m:], nodal_rows]), np.hstack([h1[:, m:], unseen @ nodal_h1]))
+    constraints = _constraints(np.hstack([rows[:, m:], nodal_rows]), np.hstack([h1[:, m:], nodal_h1]), unseen)
     monomial, nodal = (_by_component(part) for part in np.split(constraints, [len(slopes)], axis=1))
     # What the constraints take up need not be solved for: uniform strain then loads v by zeros.
     taken = monomial @ energy[free, held] + nodal @ coupling[:, held]
@@ -230,11 +232,14 @@ def _null_space(rows: Array) -> Array:
     return right[np.count_nonzero(value > DEPENDENT * value[0]) :]
 
 
-def _constraints(rows: Array, h1: Array) -> Array:
-    """Orthonormal rows that span those of both, without the ones that depend on others, or are but rounding."""
-    size = np.linalg.norm(h1, axis=1)
-    h1 = h1[size > DEPENDENT * np.max(size, initial=0)]
-    _, value, right = np.linalg.svd(_unit_rows(np.vstack([rows, h1])), full_matrices=False)
+def _constraints(rows: Array, h1: Array, unseen: Array) -> Array:
+    """Orthonormal rows that span `rows` and unseen · h1, without those that depend on others or are but rounding.
+
+    h1: (m, v) the products of all control weights.  unseen: (z, m); without strain, as null modes are, they hold none.
+    """
+    held = unseen @ h1
+    held = held[np.linalg.norm(held, axis=1) > DEPENDENT * np.linalg.norm(h1)]
+    _, value, right = np.linalg.svd(_unit_rows(np.vstack([rows, held])), full_matrices=False)
     return right[value > DEPENDENT * value[0]]
 
 

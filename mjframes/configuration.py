@@ -44,6 +44,17 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "patch_point",
     "patch_weight",
     "patch_offset",
+    "lattice_spacing",
+    "lattice_axes",
+    "lattice_origin",
+    "lattice_shape",
+    "lattice_node",
+    "lattice_distance",
+    "lattice_patch",
+    "lattice_count",
+    "lattice_point",
+    "lattice_weight",
+    "lattice_sphere",
 )
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
 
@@ -140,8 +151,29 @@ def _contact(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
     }
     offset = body.contact.centers - body.contact.weights @ body.control.rest
     if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.centers, axis=0).max():
+        # the deformed volume is not Σ_j W_j x_j: such a body touches with its vertices only
         values["patch_offset"] = encode(np.concatenate([offset[spheres].T.ravel() for spheres in patches]))
-    return values
+        return values
+    return values | _lattice(body, patches)
+
+
+def _lattice(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
+    lattice = body.lattice
+    number = np.empty(len(patches), int)  # of each patch of the body among those of the model
+    number[[body.contact.patch[spheres[0]] for spheres in patches]] = np.arange(len(patches))
+    return {
+        "lattice_spacing": repr(lattice.spacing),
+        "lattice_axes": encode(body.fields.volume.axes),
+        "lattice_origin": encode(lattice.origin),
+        "lattice_shape": encode(lattice.shape),
+        "lattice_node": encode(lattice.node),
+        "lattice_distance": encode(lattice.distance),
+        "lattice_patch": encode(number[lattice.patch]),
+        "lattice_count": encode(np.diff(lattice.weights.indptr)),
+        "lattice_point": encode(lattice.weights.indices),
+        "lattice_weight": encode(lattice.weights.data),
+        "lattice_sphere": encode(lattice.spheres[np.concatenate(patches)]),
+    }
 
 
 def patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:

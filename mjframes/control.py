@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.errors import MjframesError
+from mjframes.frame_moments import EXPONENTS, FrameMoments, frame_moments
 from mjframes.grid import Grid
 from mjframes.weights import frame_count
 
@@ -69,26 +70,20 @@ def frame_types(frame_type: str | Sequence[str], frames: int) -> tuple[str, ...]
 def control_points(grid: Grid, weights: sparse.csr_array, types: Sequence[str] | None = None) -> ControlPoints:
     """The control points of the f frames of weights (n, f), all affine unless `types` (f,) says otherwise."""
     types = types or ("affine",) * frame_count(weights)
-    share = sparse.csr_array(weights.T).multiply(grid.density * grid.cell_volume).tocsr()  # dm of each frame's voxels
-    parts = [_frame(grid, share[[i]], POINTS[name]) for i, name in enumerate(types)]
-    counts = [len(part[0]) for part in parts]
+    sizes = [POINTS[name] for name in types]
+    moments = frame_moments(grid, weights, [4 if d == 10 else 2 for d in sizes])
+    parts = [_frame(grid, moments, i, d) for i, d in enumerate(sizes)]
     rest, mass, basis, center, scale = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return ControlPoints(np.repeat(np.arange(len(types)), counts), rest, mass, basis, center, scale, grid.axes)
+    return ControlPoints(np.repeat(np.arange(len(types)), sizes), rest, mass, basis, center, scale, grid.axes)
 
 
-def _frame(grid: Grid, share: sparse.csr_array, d: int) -> tuple[NDArray[np.float64], ...]:
-    """rest (d, 3), mass (d,), basis (d, 10), center (d, 3), scale (d,) of one frame; share (1, n) its dm."""
-    voxels, dm = share.indices, share.data
-    mass = dm.sum()
-    center = dm @ grid.centers[voxels] / mass
-    offset = (grid.centers[voxels] - center) @ grid.axes
-    scale = np.sqrt((dm @ (offset**2).sum(axis=1)) / mass + (grid.spacing**2).sum() / 12)
-    powers = _mean_powers(offset / scale, grid.spacing / scale, 4 if d == 10 else 2)
-    exponents = POWERS[:d]
-    # each product of two monomials is a monomial again: its mean over the frame
-    products, place = np.unique((exponents[:, None] + exponents[None]).reshape(-1, 3), axis=0, return_inverse=True)
-    means = [dm @ (powers[a][:, 0] * powers[b][:, 1] * powers[c][:, 2]) for a, b, c in products]
-    gram = np.array(means)[place.ravel()].reshape(d, d)
+def _frame(grid: Grid, moments: FrameMoments, i: int, d: int) -> tuple[NDArray[np.float64], ...]:
+    """rest (d, 3), mass (d,), basis (d, 10), center (d, 3), scale (d,) of frame i."""
+    mass, center, scale = moments.mass[i], moments.center[i], moments.scale[i]
+    place = {tuple(e): t for t, e in enumerate(EXPONENTS.tolist())}
+    # each product of two monomials is a monomial again: its integral over the frame
+    products = (POWERS[:d, None] + POWERS[None, :d]).reshape(-1, 3).tolist()
+    gram = moments.power[i, [place[tuple(e)] for e in products]].reshape(d, d)
     psi = np.linalg.inv(np.linalg.cholesky(gram / mass))  # rows: orthonormal polynomials in the monomials
     phi = MIXING[d] @ psi / np.sqrt(d)
     first = gram[:, 1:4] / mass  # means of monomial × y; a point frame has no y, and rests at the center
@@ -96,14 +91,6 @@ def _frame(grid: Grid, share: sparse.csr_array, d: int) -> tuple[NDArray[np.floa
     basis = np.zeros((d, len(POWERS)))
     basis[:, :d] = phi
     return rest, np.full(d, mass / d), basis, np.tile(center, (d, 1)), np.full(d, scale)
-
-
-def _mean_powers(x: NDArray[np.float64], h: NDArray[np.float64], highest: int) -> list[NDArray[np.float64]]:
-    """Means of y⁰ … y⁴ over voxels of edges h (3,) around x (n, 3): without a voxel's own extent a plate has none."""
-    powers = [np.ones_like(x), x, x**2 + h**2 / 12]
-    if highest > 2:
-        powers += [x**3 + x * h**2 / 4, x**4 + x**2 * h**2 / 2 + h**4 / 80]
-    return powers
 
 
 def monomials(control: ControlPoints, j: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,21 +26,46 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, target_vertices: int) -> t
     if len(vertices) <= target_vertices:
         return vertices, faces
     x = np.array(vertices, dtype=np.float64)
-    f = np.array(faces, dtype=np.int64)
-    normal = np.cross(x[f[:, 1]] - x[f[:, 0]], x[f[:, 2]] - x[f[:, 0]])
-    area = np.linalg.norm(normal, axis=1) / 2
+    f = np.array(faces, dtype=np.int32)
+    quadric, area = _quadrics(x, f)
     # a closed surface of s vertices has 2 s triangles: equilateral ones of area A / (2 s)
-    length = np.sqrt(area.sum() / (2 * target_vertices) * 4 / np.sqrt(3))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        unit = np.nan_to_num(normal / (2 * area[:, None]))
-    plane = np.column_stack([unit, -np.einsum("fc,fc->f", unit, x[f[:, 0]])])
-    quadric = np.zeros((len(x), 4, 4))
-    for corner in range(3):
-        np.add.at(quadric, f[:, corner], area[:, None, None] * plane[:, :, None] * plane[:, None, :])
+    length = np.sqrt(area / (2 * target_vertices) * 4 / np.sqrt(3))
     alive = _collapse(x, f, quadric, length, target_vertices)
     f = f[alive]
     used, inverse = np.unique(f, return_inverse=True)
     return x[used], inverse.reshape(f.shape).astype(np.int32)
+
+
+@njit(cache=True)
+def _quadrics(x, faces):
+    """Q (s, 10) of each vertex, the upper triangle of Σ_f A_f (n, d)(n, d)ᵀ row by row, and Σ_f A_f."""
+    quadric, total = np.zeros((len(x), 10)), 0.0
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        n0, n1, n2 = _normal(x, a, b, x[c, 0], x[c, 1], x[c, 2])
+        double = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+        if double == 0.0:
+            continue
+        n0, n1, n2, area = n0 / double, n1 / double, n2 / double, double / 2
+        d = -(n0 * x[a, 0] + n1 * x[a, 1] + n2 * x[a, 2])
+        plane = (n0, n1, n2, d)
+        at = 0
+        for k in range(4):
+            for j in range(k, 4):
+                entry = area * plane[k] * plane[j]
+                for v in (a, b, c):
+                    quadric[v, at] += entry
+                at += 1
+        total += area
+    return quadric, total
+
+
+@njit(cache=True, inline="always")
+def _normal(x, a, b, c0, c1, c2):
+    """(b − a) × (c − a) of two vertices and a point c."""
+    e0, e1, e2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    f0, f1, f2 = c0 - x[a, 0], c1 - x[a, 1], c2 - x[a, 2]
+    return e1 * f2 - e2 * f1, e2 * f0 - e0 * f2, e0 * f1 - e1 * f0
 
 
 @njit(cache=True)
@@ -53,6 +78,7 @@ def _collapse(x, faces, quadric, length, target):
     stamp = 0
     count = len(x)
     limit = FIRST_LENGTH * length
+    joint = np.empty(10)
     for _ in range(PASSES):
         left = np.flatnonzero(alive)
         _list_corners(left, faces, first, last, following)
@@ -60,25 +86,27 @@ def _collapse(x, faces, quadric, length, target):
             for c in range(3):
                 if count <= target:
                     return alive
+                if not alive[f]:
+                    break
                 u, v = faces[f, c], faces[f, (c + 1) % 3]
-                if not alive[f] or u > v:
-                    continue
-                edge = x[v] - x[u]
-                if edge @ edge > limit * limit:
+                if u > v or _square(x, u, v) > limit * limit:
                     continue
                 stamp += 2
                 if _common_neighbours(u, v, faces, alive, first, following, mark, stamp) != 2:
                     continue
-                joint = quadric[u] + quadric[v]
-                position = _position(x[u], x[v], joint)
+                for k in range(10):
+                    joint[k] = quadric[u, k] + quadric[v, k]
+                position = _position(x, u, v, joint)
                 if _error(position, joint) > (LARGEST_ERROR * length) ** 2 * _area(joint):
                     continue
                 if _turns(u, v, position, x, faces, alive, first, following) or _turns(
                     v, u, position, x, faces, alive, first, following
                 ):
                     continue
-                x[u] = position
-                quadric[u] = joint
+                for k in range(3):
+                    x[u, k] = position[k]
+                for k in range(10):
+                    quadric[u, k] = joint[k]
                 corner = first[v]
                 while corner >= 0:
                     g = corner // 3
@@ -133,29 +161,41 @@ def _common_neighbours(u, v, faces, alive, first, following, mark, stamp):
 
 
 @njit(cache=True)
-def _position(a, b, quadric):
+def _square(x, u, v):
+    """Squared length of an edge."""
+    e0, e1, e2 = x[v, 0] - x[u, 0], x[v, 1] - x[u, 1], x[v, 2] - x[u, 2]
+    return e0 * e0 + e1 * e1 + e2 * e2
+
+
+@njit(cache=True)
+def _position(x, u, v, quadric):
     """The end or the middle of the edge, whichever has the least quadric error; the middle on flat ground."""
-    edge = b - a
-    slack = 1e-3 * _area(quadric) * (edge @ edge)
-    best = (a + b) / 2
+    slack = 1e-3 * _area(quadric) * _square(x, u, v)
+    best = ((x[u, 0] + x[v, 0]) / 2, (x[u, 1] + x[v, 1]) / 2, (x[u, 2] + x[v, 2]) / 2)
     least = _error(best, quadric)
-    for end in (a, b):
+    for w in (u, v):
+        end = (x[w, 0], x[w, 1], x[w, 2])
         error = _error(end, quadric) + slack
         if error < least:
-            best, least = end.copy(), error
+            best, least = end, error
     return best
 
 
 @njit(cache=True)
-def _error(p, quadric):
-    h = np.array([p[0], p[1], p[2], 1.0])
-    return h @ (quadric @ h)
+def _error(p, q):
+    """(p, 1)ᵀ Q (p, 1)."""
+    return (
+        p[0] * (q[0] * p[0] + 2 * (q[1] * p[1] + q[2] * p[2] + q[3]))
+        + p[1] * (q[4] * p[1] + 2 * (q[5] * p[2] + q[6]))
+        + p[2] * (q[7] * p[2] + 2 * q[8])
+        + q[9]
+    )
 
 
 @njit(cache=True)
 def _area(quadric):
     """Of the triangles in a quadric: Σ_f A_f |n_f|²."""
-    return quadric[0, 0] + quadric[1, 1] + quadric[2, 2]
+    return quadric[0] + quadric[4] + quadric[7]
 
 
 @njit(cache=True)
@@ -166,10 +206,11 @@ def _turns(u, v, position, x, faces, alive, first, following):
         f = corner // 3
         p, q = faces[f, (corner + 1) % 3], faces[f, (corner + 2) % 3]
         if alive[f] and p != v and q != v:
-            before = np.cross(x[p] - x[u], x[q] - x[u])
-            after = np.cross(x[p] - position, x[q] - position)
-            turned = before @ after < LARGEST_TURN * np.sqrt((before @ before) * (after @ after))
-            if turned or after @ after == 0:
+            a0, a1, a2 = _normal(x, p, q, x[u, 0], x[u, 1], x[u, 2])
+            b0, b1, b2 = _normal(x, p, q, position[0], position[1], position[2])
+            after = b0 * b0 + b1 * b1 + b2 * b2
+            before = a0 * a0 + a1 * a1 + a2 * a2
+            if after == 0 or a0 * b0 + a1 * b1 + a2 * b2 < LARGEST_TURN * np.sqrt(before * after):
                 return True
         corner = following[corner]
     return False

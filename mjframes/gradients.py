@@ -18,12 +18,14 @@ def control_gradients(
     control: ControlPoints,
     voxels: NDArray[np.integer],
     frames: NDArray[np.int64],
+    within: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float64]:
-    """∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight."""
-    return product_rule(
-        control, frames, weights_at(weights, voxels, frames), weight_gradients(grid, weights, voxels, frames),
-        grid.points(voxels),
-    )[1]  # fmt: skip
+    """∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight.
+
+    within: (n,) labels of the regions, where slopes shall be those inside them.
+    """
+    slope = weight_gradients(grid, weights, voxels, frames, within)
+    return product_rule(control, frames, weights_at(weights, voxels, frames), slope, grid.points(voxels))[1]
 
 
 def product_rule(

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.control import ControlPoints
-from mjframes.gradients import product_rule, weight_gradients, weights_at
+from mjframes.gradients import product_rule
 from mjframes.grid import Grid
 from mjframes.regions import Regions, members_of
 from mjframes.stiffness import Stiffness
+from mjframes.weights import weight_gradients, weights_at
 
 BLOCK = 4096  # [voxels] at a time
 
@@ -31,7 +32,10 @@ def mass_difference(
         for start in range(0, len(voxels), BLOCK):
             some = voxels[start : start + BLOCK]
             dm = (grid.density[some] * grid.cell_volume)[:, None]
-            weight, slope = weights_at(weights, some, frames), weight_gradients(grid, weights, some, frames)
+            weight, slope = (
+                weights_at(weights, some, frames),
+                weight_gradients(grid, weights, some, frames, regions.label),
+            )
             value, gradient = product_rule(control, frames, weight, slope, grid.points(some))
             along = gradient @ grid.axes
             total += value.T @ (dm * value)

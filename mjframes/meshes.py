@@ -40,6 +40,7 @@ MERGE = 1e-6  # [-] of the mesh's diagonal: nearer vertices are the same, export
 FLAT = 1e-5  # [-] smallest to largest extent of a mesh that has no inside
 UNDECIDED = 0.25  # [-] distance of w from an integer beyond which it says little; share of such places that is too much
 PROBES = 20  # a side of the mesh's box, for places to look at
+MIXED = "the surface has triangles of mixed orientation"
 WITNESSES = 16  # [-] vertices that all must lie within another shell for a shell to be a cavity
 
 
@@ -110,6 +111,16 @@ def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
     return replace(surface, notices=(*notices, text))
 
 
+def mesh_contents(source: MeshLike, name: str) -> tuple[object, ...]:
+    """All of `source` that `load_surface` depends on, for `mjframes.cache`: a file's path and contents, or arrays.
+
+    Raises MjframesError for what is neither.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return os.fspath(source), Path(source)  # messages have the path
+    return _arrays(name, source)
+
+
 def lids(surface: Surface) -> Surface:
     """What closes an open surface: for each hole the cone from its edge to its middle.
 
@@ -126,13 +137,13 @@ def lids(surface: Surface) -> Surface:
     return Surface(surface.name, np.concatenate([surface.vertices, middle]), np.repeat(triangles, balance, axis=0), ())
 
 
-def import_igl(name: str) -> Any:
-    """libigl, for surfaces that are not closed.  Raises MjframesError that says how to get it."""
+def import_igl(name: str, fault: str = "the surface is not watertight") -> Any:
+    """libigl, for surfaces with a fault.  Raises MjframesError that names it and says how to get libigl."""
     try:
         return importlib.import_module("igl")
     except ImportError as error:
         raise MjframesError(
-            f'{name}: the surface is not watertight and needs libigl; run pip install "mjframes[meshes]" or repair it.'
+            f'{name}: {fault} and needs libigl; run pip install "mjframes[meshes]" or repair it.'
         ) from error
 
 
@@ -277,7 +288,7 @@ def _make_consistent(
     if mixed.any():
         chosen = mixed[shell]
         triangles = triangles.copy()
-        triangles[chosen] = import_igl(name).bfs_orient(np.ascontiguousarray(triangles[chosen]))[0]
+        triangles[chosen] = import_igl(name, MIXED).bfs_orient(np.ascontiguousarray(triangles[chosen]))[0]
     return triangles, mixed
 
 

@@ -6,6 +6,7 @@ tree, with qpos = 0 at rest; those of held frames hang on the bodies that hold t
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
 from collections import Counter
@@ -20,6 +21,7 @@ from mjframes import links, plugin
 from mjframes.body import SoftBody
 from mjframes.carriers import Carrier, carriers, printable, printable_quaternion
 from mjframes.configuration import configuration, patch_points
+from mjframes.contact import Contact
 from mjframes.errors import MjframesError
 from mjframes.links import Pose
 from mjframes.supports import PARENT
@@ -39,13 +41,14 @@ def attach(
     name: str,
     pos: Sequence[float] = (0.0, 0.0, 0.0),
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-    contact: bool = True,
+    contact: bool | Contact = True,
     spec: mujoco.MjSpec | None = None,
 ) -> None:
     """Put a soft body into a spec, below the body `parent` of it.
 
     pos [m], quat: where the volume's coordinate system goes, in `parent`.  name: of the plugin instance, and the prefix
-    of all that is added.  contact: whether it collides with the scene's geoms; never with those that hold it.
+    of all that is added.  contact: whether it collides with the scene's geoms and other soft bodies, or how; never with
+    what holds it.
     spec: the one that `parent` belongs to, where the body has pieces attached to other bodies. Their poses at the
     reference configuration are those in which the soft body rests; its frames then hang on the one of these bodies
     below most of the others. Warns (BranchWarning) where such bodies are on several branches of the tree.
@@ -71,7 +74,8 @@ def attach(
     order = [carried[c] for c in np.argsort(rank)]
     instance.config = configuration(body, order, _branches(body, place, name), patches)
     if patches:
-        _add_patches(own, body, carried, bodies, patches, name)
+        parameters = contact if isinstance(contact, Contact) else Contact()
+        _add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         _add_skins(own, body, carried, local)
     own.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
@@ -146,6 +150,7 @@ def _add_bodies(
     inner: mujoco.MjsBody, carried: Sequence[Carrier], others: dict[str, mujoco.MjsBody], name: str
 ) -> list[mujoco.MjsBody]:
     bodies: list[mujoco.MjsBody] = []
+    alone = sum(bool(carrier.joints) for carrier in carried) == 1
     for carrier in carried:
         link = others.get(carrier.link) if carrier.joints == "" else None
         outer = link or (bodies[carrier.parent] if carrier.parent >= 0 else inner)
@@ -159,6 +164,8 @@ def _add_bodies(
             mass=carrier.mass,
             inertia=carrier.inertia,
         )
+        if carrier.joints and alone:
+            child.simple = False  # or MuJoCo keeps the diagonal of its inertia only
         if carrier.joints:
             for axis, letter in zip(np.eye(3), "xyz", strict=True):
                 child.add_joint(name=f"{own}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
@@ -207,11 +214,13 @@ def _add_patches(
     carried: Sequence[Carrier],
     bodies: list[mujoco.MjsBody],
     patches: list[np.ndarray],
+    contact: Contact,
     name: str,
 ) -> None:
     half = printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     own.add_mesh(name=f"{name[-1]}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its distance is not used
+    owners: set[str] = set()
     for number, spheres in enumerate(patches):
         on = bodies[_carrier_of_patch(body, carried, spheres)]
         local = on.plugin.name
@@ -221,11 +230,14 @@ def _add_patches(
             meshname=f"{local}_bounds",
             group=PATCH_GROUP,
             mass=0,
-            contype=1,
-            conaffinity=0,  # patches meet other geoms, not each other
             rgba=[0.5, 0.5, 0.5, 0.1],
         )
+        contact.write(geom)
         _use_plugin(geom, local)
+        owners.add(on.name)
+    if contact.contype & contact.conaffinity:  # a soft body does not meet itself: MuJoCo need not ask
+        for first, second in itertools.combinations(sorted(o for o in owners if o.startswith(f"{name[-1]}_")), 2):
+            own.add_exclude(bodyname1=first, bodyname2=second)
 
 
 def _add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], name: str) -> None:

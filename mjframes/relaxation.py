@@ -19,11 +19,12 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.condensation import Products, add_points, empty_products, plain_matrix, relaxed_matrix
 from mjframes.control import ControlPoints, points_of
+from mjframes.cubature import POINTS, cubature
 from mjframes.gradients import product_rule
 from mjframes.grid import Grid
 from mjframes.threads import in_parallel
 from mjframes.voxel_fem import CellGrid, cell_grid, elimination_cost
-from mjframes.weights import weight_gradients, weights_at
+from mjframes.weights import column_of, weight_gradients, weights_at
 
 Array = NDArray[np.float64]
 
@@ -118,6 +119,11 @@ def _products(
     m = len(points_of(control, frames)[0])
     material = grid.table[grid.material[piece.voxels[rows[0]]]]
     total = empty_products((material.young, *material.lame), len(frames), m, piece.cells)
+    if piece.fit is not None and len(rows) * len(piece.offsets) > POINTS:
+        nodes, shares = cubature(grid.index[piece.voxels[rows]], piece.offsets)
+        points = grid.origin + (nodes + 0.5) * grid.spacing @ grid.axes.T
+        _add(total, control, frames, piece, grid.cell_volume * shares, points, *_linear(piece, points), None)
+        return total
     for start in range(0, len(rows), BLOCK):
         some = rows[start : start + BLOCK]
         voxels = piece.voxels[some]
@@ -126,18 +132,38 @@ def _products(
             middle = weights_at(weights, voxels, frames)
             slope = weight_gradients(grid, weights, voxels, frames, component)
         else:
-            middle = piece.fit[0] + (centers - piece.center) @ piece.fit[1:]
-            slope = np.broadcast_to(piece.fit[1:].T, (len(some), len(frames), 3)).copy()
+            middle, slope = _linear(piece, centers)
         for offset in piece.offsets:
             step = grid.axes @ (offset * grid.spacing)
-            points, value = centers + step, middle + slope @ step
-            functions, gradients = product_rule(control, frames, value, slope, points)
             cells = piece.cells
             in_cells = None if cells is None else (cells.voxel_cell[some], cells.place[some] + offset / cells.factor)
-            place = (points - piece.center) / piece.length
             volume = grid.cell_volume / len(piece.offsets)
-            add_points(total, volume, place, value, slope, functions, gradients, in_cells)
+            _add(total, control, frames, piece, volume, centers + step, middle + slope @ step, slope, in_cells)
     return total
+
+
+def _linear(piece: Piece, points: Array) -> tuple[Array, Array]:
+    """The linear weights (s, f) and their slopes (s, f, 3) [1/m] at points (s, 3) [m]."""
+    assert piece.fit is not None
+    slope = np.broadcast_to(piece.fit[1:].T, (len(points), *piece.fit[1:].T.shape))
+    return piece.fit[0] + (points - piece.center) @ piece.fit[1:], slope.copy()
+
+
+def _add(
+    total: Products,
+    control: ControlPoints,
+    frames: NDArray[np.int64],
+    piece: Piece,
+    volume: float | Array,
+    points: Array,
+    value: Array,
+    slope: Array,
+    in_cells: tuple[NDArray[np.integer], Array] | None,
+) -> None:
+    """Add points (s, 3) [m] with weights `value` (s, f) and `slope` (s, f, 3)."""
+    functions, gradients = product_rule(control, frames, value, slope, points)
+    place = (points - piece.center) / piece.length
+    add_points(total, volume, place, value, slope, functions, gradients, in_cells)
 
 
 def _rows_of_one_material(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int64]]:
@@ -191,19 +217,20 @@ def _linear_fit(
     young = grid.per_material("young")[np.unique(grid.material[voxels])]
     if young.max() >= HOMOGENEOUS * young.min():
         return None
-    share = np.full(len(voxels), 1 / len(voxels))
-    centers, dense = grid.points(voxels), weights_at(weights, voxels, frames)
-    mean = share @ dense
-    centers -= share @ centers
-    moment = centers.T @ dense
-    extent, axes = np.linalg.eigh(centers.T @ centers)
+    n = len(voxels)
+    mean, square, total, moment, norm = _fit_moments(
+        grid.index, voxels, weights.indptr, weights.indices, weights.data, column_of(weights, frames), len(frames)
+    )
+    square = (square - np.outer(mean, mean) / n) * np.outer(grid.spacing, grid.spacing)
+    moment = (moment - np.outer(mean, total) / n) * grid.spacing[:, None]
+    slope = np.linalg.pinv(square, rcond=FLAT, hermitian=True) @ moment
+    extent, axes = np.linalg.eigh(square)
     flat = axes[:, extent <= FLAT * extent[-1]]
-    slope = np.linalg.pinv(centers.T @ centers, rcond=FLAT, hermitian=True) @ moment
-    if flat.size:
-        own = weight_gradients(grid, weights, voxels, frames, component).mean(axis=0)
+    if flat.size:  # across a layer of one voxel nothing can be fitted
+        own = weight_gradients(grid, weights, voxels, frames, component).mean(axis=0) @ grid.axes
         slope += flat @ flat.T @ own.T
-    square = share @ np.einsum("vi,vi->v", dense, dense) - mean @ mean - np.sum(slope * moment) / len(voxels)
-    return np.vstack([mean, slope]) if square < NEARLY_LINEAR**2 else None
+    residual = norm - total @ total / n - np.sum(slope * moment)
+    return np.vstack([total / n, grid.axes @ slope]) if residual < n * NEARLY_LINEAR**2 else None
 
 
 def _piece(
@@ -217,9 +244,8 @@ def _piece(
     columns: int,
 ) -> Piece:
     """One piece; work: [flop] that eliminating its cells' nodes may take, for so many right-hand sides."""
-    centers = grid.points(voxels)
-    center = np.full(len(voxels), 1 / len(voxels)) @ centers
     index = grid.index[voxels]
+    center = grid.origin + (index.mean(axis=0) + 0.5) * grid.spacing @ grid.axes.T
     length = 0.5 * float(np.linalg.norm((np.ptp(index, axis=0) + 1) * grid.spacing))
     young = grid.per_material("young")
     thickness = _thickness(grid.index, grid.padded, component, grid.material, young, voxels)
@@ -275,3 +301,28 @@ def _thickness(index, padded, component, material, young, voxels):
             if n < 0 or component[n] != component[v] or young[material[n]] * HOMOGENEOUS <= e:
                 ends[axis] += e
     return total / ends
+
+
+@njit(cache=True, nogil=True)
+def _fit_moments(index, voxels, indptr, indices, data, column, frames):
+    """Σ x (3,), Σ x xᵀ (3, 3), Σ w (f,), Σ x wᵀ (3, f), Σ w · w, x the index from that of the first voxel: integers."""
+    first, second, total, product, norm = np.zeros(3), np.zeros((3, 3)), np.zeros(frames), np.zeros((3, frames)), 0.0
+    x = np.empty(3)
+    for v in voxels:
+        for a in range(3):
+            x[a] = index[v, a] - index[voxels[0], a]
+            first[a] += x[a]
+            for b in range(a + 1):
+                second[a, b] += x[a] * x[b]
+        for k in range(indptr[v], indptr[v + 1]):
+            i, w = column[indices[k]], data[k]
+            if i < 0:
+                continue
+            norm += w * w
+            total[i] += w
+            for a in range(3):
+                product[a, i] += x[a] * w
+    for a in range(3):
+        for b in range(a):
+            second[b, a] = second[a, b]
+    return first, second, total, product, norm

@@ -64,7 +64,7 @@ def region_stiffness(
     moduli = np.zeros(len(frames))  # Σ_v E
 
     def work(piece: tuple[int, NDArray[np.int32]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return _sum_voxels(grid, weights, control, piece[1], frames[piece[0]])
+        return _sum_voxels(grid, weights, control, piece[1], frames[piece[0]], regions.label)
 
     relaxing = [e for e in range(len(frames)) if relax and not _is_uniform(control, frames[e])]
     rest = sorted(set(range(len(frames))) - set(relaxing))
@@ -118,13 +118,14 @@ def _sum_voxels(
     control: ControlPoints,
     voxels: NDArray[np.int32],
     frames: NDArray[np.int64],
+    region: NDArray[np.int32],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Σ_v g (3m,) and Σ_v g gᵀ (3m, 3m), g the gradients of all control points of `frames` at voxel v."""
     size = 3 * len(points_of(control, frames)[0])
     total, product = np.zeros(size), np.zeros((size, size))
     for start in range(0, len(voxels), BLOCK):
         some = voxels[start : start + BLOCK]
-        gradient = control_gradients(grid, weights, control, some, frames).reshape(len(some), size)
+        gradient = control_gradients(grid, weights, control, some, frames, region).reshape(len(some), size)
         total += gradient.sum(axis=0)
         product += gradient.T @ gradient  # one factor twice: half the work, and symmetric to the bit
     return total, product

@@ -13,6 +13,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy import ndimage
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
@@ -21,12 +22,13 @@ from skimage.measure import marching_cubes
 from mjframes.decimate import decimate
 from mjframes.errors import MjframesError
 from mjframes.grid import Grid
+from mjframes.smoothing import SMOOTHING, inside_field
 from mjframes.volume import Volume
+from mjframes.weights import frame_count
 
-NEIGHBOURS = np.ones((3, 3, 3), bool)
-SMOOTHING = 1.0  # [voxels] Gaussian of surface and seams: takes the steps off slopes, keeps what is two voxels thick
 OFFSETS = 4  # Newton steps of the enclosed volume: each squares the error, a tenth at the start
 SEAM_MARGIN = 0.1  # [-] of an edge: seams keep that distance from vertices, so that no cut triangle is a sliver
+REACH = 2  # [voxels] around a point in which its nearest voxel is looked for first
 MARGIN = 2  # [voxels] of empty space around the volume, for the surface to close
 
 
@@ -71,6 +73,10 @@ class ContactPoints:
     normals: np.ndarray
     rank: np.ndarray
 
+    def sorted(self, order: np.ndarray) -> ContactPoints:
+        """The same in another order (s,)."""
+        return ContactPoints(self.positions[order], self.radius, self.normals[order], self.rank[order])
+
 
 def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
     """The closed surface of all materials together, with about `target_vertices` vertices and smooth seams.
@@ -82,7 +88,7 @@ def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
     spacing = np.asarray(volume.spacing, dtype=np.float64)
     box = ndimage.find_objects((volume.labels > 0).astype(np.int8))[0]
     labels = np.pad(volume.labels[box], MARGIN)
-    index, faces, *_ = marching_cubes(_inside_field(labels > 0), 0.5, allow_degenerate=False)
+    index, faces, *_ = marching_cubes(inside_field(labels > 0), 0.5, allow_degenerate=False)
     vertices, faces = decimate(index * spacing, faces, target_vertices)
     faces = faces[:, ::-1] if _enclosed(vertices, faces) < 0 else faces
     vertices = _conserve_volume(vertices, faces, np.count_nonzero(labels) * float(np.prod(spacing)))
@@ -119,7 +125,7 @@ def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray) -> csr_a
     Returns (s, f); rows sum to 1.  A point whose nearest voxel is rigid gets exactly the weights of its piece.
     """
     points = np.asarray(points, dtype=np.float64)
-    nearest = np.asarray(KDTree(grid.centers).query(points)[1])
+    nearest = _nearest_voxels(grid, points)
     pattern = _patterns(weights)
     cell = (points - grid.origin) @ grid.axes / grid.spacing - 0.5  # the centres of voxels are at integers
     base = np.floor(cell).astype(np.int64)
@@ -139,35 +145,36 @@ def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray) -> csr_a
     rows = np.repeat(np.arange(len(points)), 8)
     used = coefficient.ravel() > 0
     entries = ((coefficient / total[:, None]).ravel()[used], (rows[used], voxel.ravel()[used]))
-    return csr_array(csr_array(entries, shape=(len(points), len(grid.centers))) @ weights)
+    return csr_array(csr_array(entries, shape=(len(points), len(grid.index))) @ weights)
 
 
-def _inside_field(inside: np.ndarray) -> np.ndarray:
-    """Smoothed indicator of the inside, above ½ inside; unsmoothed around what smoothing would lose."""
-    smooth = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHING, truncate=3.0, mode="constant")
-    lost = (smooth > 0.5) != inside
-    # Voxels are thin, not only the corner of something or a step of its side, where no neighbour is left of their kind.
-    thin = lost.copy()
-    for part in (inside, ~inside):
-        thin &= ~(part & ndimage.binary_dilation(part & ~lost, NEIGHBOURS))
-    field = _unsmooth(smooth, inside, thin)
-    if _pieces(field > 0.5) != _pieces(inside):  # a short neck was cut
-        field = _unsmooth(smooth, inside, lost)
-    return field
+def _nearest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
+    """The voxel (s,) whose centre is nearest to each point (s, 3) [m]."""
+    at = (points - grid.origin) @ grid.axes / grid.spacing - 0.5
+    nearest = _search(at, grid.lookup, grid.spacing)
+    if (far := nearest < 0).any():
+        nearest[far] = KDTree(grid.centers).query(points[far])[1]
+    return nearest
 
 
-def _unsmooth(smooth: np.ndarray, inside: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """The smoothed field but the sharp one around `where`, with a transition of one voxel."""
-    if not where.any():
-        return smooth
-    sharp = ndimage.binary_dilation(where, NEIGHBOURS).astype(np.float32)
-    sharp = np.maximum(sharp, ndimage.uniform_filter(sharp, 3))
-    return (1 - sharp) * smooth + sharp * inside
-
-
-def _pieces(part: np.ndarray) -> int:
-    pieces = np.empty(part.shape, np.int32)
-    return int(ndimage.label(part, NEIGHBOURS, output=pieces))  # pyright: ignore[reportArgumentType]
+@njit(cache=True)
+def _search(at, lookup, spacing):
+    """The nearest voxel (s,) to places in index coordinates (s, 3), −1 if it is not among the 5³ cells around."""
+    nearest = np.full(len(at), -1, np.int64)
+    for s in range(len(at)):
+        base = (round(at[s, 0]), round(at[s, 1]), round(at[s, 2]))
+        best = (REACH + 0.5) * spacing.min()  # what is farther may be nearer than the cells looked at
+        best *= best
+        for a in range(max(0, base[0] - REACH), min(lookup.shape[0], base[0] + REACH + 1)):
+            for b in range(max(0, base[1] - REACH), min(lookup.shape[1], base[1] + REACH + 1)):
+                for c in range(max(0, base[2] - REACH), min(lookup.shape[2], base[2] + REACH + 1)):
+                    if lookup[a, b, c] < 0:
+                        continue
+                    x, y, z = (a - at[s, 0]) * spacing[0], (b - at[s, 1]) * spacing[1], (c - at[s, 2]) * spacing[2]
+                    square = x * x + y * y + z * z
+                    if square < best:
+                        best, nearest[s] = square, lookup[a, b, c]
+    return nearest
 
 
 def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, target: float) -> np.ndarray:
@@ -268,12 +275,17 @@ def _farthest_points(x: np.ndarray, first: np.ndarray, count: int) -> np.ndarray
 
 def _patterns(weights: csr_array) -> np.ndarray:
     """(n,) one number per set of frames: a sum of 64-bit random keys, of which two sets practically never agree."""
-    used = weights.data != 0
-    row = np.repeat(np.arange(len(weights.indptr) - 1), np.diff(weights.indptr))[used]
-    frame = weights.indices[used]
-    keys = np.random.default_rng(0).integers(1, 2**63, frame.max() + 1, dtype=np.uint64)
-    pattern = np.zeros(len(weights.indptr) - 1, np.uint64)
-    np.add.at(pattern, row, keys[frame])
+    keys = np.random.default_rng(0).integers(1, 2**63, frame_count(weights), dtype=np.uint64)
+    return _sum_keys(weights.indptr, weights.indices, weights.data, keys)
+
+
+@njit(cache=True)
+def _sum_keys(indptr, indices, data, keys):
+    pattern = np.zeros(len(indptr) - 1, np.uint64)
+    for v in range(len(pattern)):
+        for k in range(indptr[v], indptr[v + 1]):
+            if data[k] != 0:
+                pattern[v] += keys[indices[k]]
     return pattern
 
 

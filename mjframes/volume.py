@@ -131,9 +131,11 @@ class Volume:
         fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
         scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it.
         Warns (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
+        The voxels are kept on disk (`mjframes.cache`) until a mesh or an argument changes; warnings are given again.
         Raises MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
         """
-        from mjframes.meshes import MeshWarning, load_surface
+        from mjframes.cache import cached
+        from mjframes.meshes import MeshWarning, load_surface, mesh_contents
         from mjframes.voxelize import spacing_for, voxelize
 
         if (spacing is None) == (voxels is None):
@@ -149,14 +151,20 @@ class Volume:
         for material in materials:
             if not isinstance(material, Material):
                 raise MjframesError(f"a mesh has the material {material!r}; it must be a Material.")
-        surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
-        if voxels is None:
-            step = _spacing("", np.asarray(spacing))
-        else:
-            step = spacing_for(surfaces, int(voxels), fill is not None)
-        labels, origin, notices = voxelize(surfaces, step, fill is not None)
-        for notice in notices:
+        step = None if spacing is None else _spacing("", np.asarray(spacing))
+
+        def compute() -> dict[str, NDArray[Any]]:
+            surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
+            edges = spacing_for(surfaces, int(voxels or 0), fill is not None) if step is None else step
+            labels, origin, notices = voxelize(surfaces, edges, fill is not None)
+            return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
+
+        contents = [mesh_contents(mesh, f"mesh {i}") for i, (mesh, _) in enumerate(pairs, 1)]
+        settings = (step, None if voxels is None else int(voxels), fill is not None, float(scale))
+        known = cached("volume", (*contents, *settings), compute)
+        for notice in known["notices"].tolist():
             warnings.warn(notice, MeshWarning, stacklevel=2)
+        labels, origin, step = known["labels"], known["origin"], known["spacing"]
         present = set(_occurring(labels))
         return cls(labels, step, origin, np.eye(3), {i: m for i, m in enumerate(materials, 1) if i in present})
 

@@ -54,7 +54,7 @@ def frame_count(weights: sparse.csr_array) -> int:
 
 def weights_at(weights: sparse.csr_array, voxels: ArrayLike, frames: ArrayLike) -> NDArray[np.float64]:
     """Dense (v, i): the weights of some frames at some voxels."""
-    return _gather(weights.indptr, weights.indices, weights.data, np.asarray(voxels), _column(weights, frames))
+    return _gather(weights.indptr, weights.indices, weights.data, np.asarray(voxels), column_of(weights, frames))
 
 
 def weight_gradients(
@@ -74,7 +74,7 @@ def weight_gradients(
     `frames` must hold all frames with weight at these voxels. A frame left out may still have weight at a neighbour;
     its slope is shared out by weight, so that Σ_i ∇w_i = 0 over `frames` (the gradient of w_i / Σ w).
     """
-    ids, column = np.asarray(voxels), _column(weights, frames)
+    ids, column = np.asarray(voxels), column_of(weights, frames)
     own = _gather(weights.indptr, weights.indices, weights.data, ids, column)
     along = _slopes(
         weights.indptr, weights.indices, weights.data, ids, column, own,
@@ -84,7 +84,7 @@ def weight_gradients(
     return (along.reshape(-1, 3) @ grid.axes.T).reshape(along.shape)
 
 
-def _column(weights: sparse.csr_array, frames: ArrayLike) -> NDArray[np.int64]:
+def column_of(weights: sparse.csr_array, frames: ArrayLike) -> NDArray[np.int64]:
     """(f,) the place of each frame in `frames`, −1 if it is not there."""
     chosen = np.asarray(frames)
     column = np.full(frame_count(weights), -1, np.int64)

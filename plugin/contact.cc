@@ -4,16 +4,13 @@
 #include <array>
 #include <cmath>
 
-#include "distance.h"
 #include "linear.h"
 #include "multiversion.h"
 #include "soft.h"
+#include "touch.h"
 
 namespace mjframes {
 namespace {
-
-// A vertex that is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
-constexpr double kBlend = 1;  // [-]
 
 // A contact found again at the same place to rounding is the same; anything farther is another one.
 constexpr double kSamePlace = 1e-9;  // [m]
@@ -25,7 +22,8 @@ void AddScaled(double* __restrict out, const double* __restrict weight, double v
   for (int s = 0; s < n; s++) out[s] += weight[s] * value;
 }
 
-// World positions of the vertices by component: out[c n + s] = Σ_j W_j(s) x_j
+}  // namespace
+
 void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out) {
   const int n = patch.vertices;
   std::fill(out, out + 3 * n, 0.0);
@@ -40,88 +38,37 @@ void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double
   }
 }
 
-Vec3 Vertex(const double* skinned, int n, int s) { return {skinned[s], skinned[n + s], skinned[2 * n + s]}; }
+namespace {
 
-// Where the clusters of a patch touch geom `other`, touching or not; one contact a cluster.
-int ClusterContacts(const SoftBody& body, const Patch& patch, const mjData* d, const GeomQuery& other, double* skinned,
-                    double* blend, ClusterContact* out) {
-  const int n = patch.vertices;
-  const double radius = body.contact_radius();
-  SkinPatch(body, patch, d, skinned);
-  int begin = 0, count = 0;
-  for (const int size : patch.cluster) {
-    const int end = begin + size;
-    double deepest = mjMAXVAL;
-    for (int s = begin; s < end; s++) {
-      blend[s] = other.Distance(Vertex(skinned, n, s)) - radius;
-      deepest = std::min(deepest, blend[s]);
-    }
-    ClusterContact contact = {0, {}, {}, begin, end};
-    double total = 0;
-    for (int s = begin; s < end; s++) {
-      const double share = std::max(0.0, 1 - (blend[s] - deepest) / (kBlend * radius));
-      contact.distance += share * share * blend[s];
-      blend[s] = share * share;
-      total += blend[s];
-    }
-    contact.distance /= total;
-    Vec3 centre{};
-    for (int s = begin; s < end; s++) {
-      if (blend[s] == 0) continue;
-      blend[s] /= total;
-      const Vec3 p = Vertex(skinned, n, s);
-      centre = centre + blend[s] * p;
-      contact.normal = contact.normal + blend[s] * other.Normal(p);
-    }
-    // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
-    const double length = Norm(contact.normal);
-    if (length > mjMINVAL) {
-      contact.normal = (1 / length) * contact.normal;
-      contact.position = centre - (radius + 0.5 * contact.distance) * contact.normal;
-      out[count++] = contact;
-    }
-    begin = end;
-  }
-  return count;
+SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
+  const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
+  return {body, body ? body->FindPatch(geom) : -1};
 }
 
-// Contacts between geom g1 and patch g2, as an entry of mjCOLLISIONFUNC gives them.
-int CollidePatch(const SoftBody& body, const Patch& patch, const mjModel* m, mjData* d, mjPreContact* con, int g1,
-                 int g2, double margin) {
-  const GeomQuery other(m, d, g1);
-  if (!other.valid) return 0;
-  double skinned[3 * kMaxPatchVertices], blend[kMaxPatchVertices];
-  ClusterContact contact[kMaxClusters];
-  const int found = ClusterContacts(body, patch, d, other, skinned, blend, contact);
+int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
+  const SoftSide side[2] = {SideOf(m, d, g1), SideOf(m, d, g2)};
+  if (!side[0].body && !side[1].body) {
+    return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
+  }
+  for (int s = 0; s < 2; s++) {
+    if (side[s].body && side[s].body->kinematics().IsHeldBy(m, m->geom_bodyid[s == 0 ? g2 : g1])) return 0;
+  }
+  const int geom[2] = {g1, g2};
+  TouchScratch scratch;
+  Touch touch[kMaxTouches];
+  const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {
-    if (!(contact[i].distance < margin)) continue;
-    con[count].dist = contact[i].distance;
+    if (!(touch[i].distance < margin)) continue;
+    con[count].dist = touch[i].distance;
     for (int c = 0; c < 3; c++) {
-      con[count].pos[c] = contact[i].position[c];
-      con[count].normal[c] = contact[i].normal[c];
+      con[count].pos[c] = touch[i].position[c];
+      con[count].normal[c] = touch[i].normal[c];
       con[count].tangent[c] = 0;
     }
     count++;
   }
-  return count;
-}
-
-int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
-  const SoftBody* body1 = GetSoftBody(m, d, m->geom_plugin[g1]);
-  const SoftBody* body2 = GetSoftBody(m, d, m->geom_plugin[g2]);
-  if (!body1 && !body2) return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
-  if (body1 && body2) return 0;  // soft bodies pass through each other
-  const SoftBody* body = body1 ? body1 : body2;
-  if (body->kinematics().IsHeldBy(m, m->geom_bodyid[body1 ? g2 : g1])) return 0;
-  if (body2) {
-    const Patch* patch = body2->FindPatch(g2);
-    return patch ? CollidePatch(*body2, *patch, m, d, con, g1, g2, margin) : 0;
-  }
-  const Patch* patch = body1->FindPatch(g1);
-  const int count = patch ? CollidePatch(*body1, *patch, m, d, con, g2, g1, margin) : 0;
-  for (int i = 0; i < count; i++) mju_scl3(con[i].normal, con[i].normal, -1);
   return count;
 }
 
@@ -160,19 +107,38 @@ double RigidEntry(const mjModel* m, const mjData* d, int body, const Vec3& posit
   return Dot(measure.along, Vec3{cdof[3], cdof[4], cdof[5]} + Cross(rotation, arm)) + Dot(measure.about, rotation);
 }
 
-// Overwrites the entries of constraint row `i` for the degrees of freedom that the soft body's nodes have; where they
-// are those of a robot's links, what is touched may move with them too. side: of the patch in the contact.
-void WriteRow(const Kinematics& kinematics, const std::vector<Share>& share, const mjModel* m, mjData* d,
-              const mjContact& contact, int r, int side) {
+// The soft bodies on either side of a contact and what of them its point is made of.
+struct Sides {
+  const Kinematics* kinematics[2];  // null for other geoms
+  const std::vector<Share>* share[2];
+};
+
+// What the row measures on side s for a unit rate of degree of freedom `dof`.
+double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, const Sides& sides, int s,
+                 const Measure& measure, const Vec3& local, int dof) {
+  const int body = m->geom_bodyid[contact.geom[s]];
+  const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+  const Kinematics* kinematics = sides.kinematics[s];
+  const int n = kinematics ? kinematics->NodeOfDof(dof) : -1;
+  if (n < 0) return RigidEntry(m, d, body, position, measure, dof);
+  return kinematics->RowEntry((*sides.share[s])[n], local, n, dof - kinematics->nodes()[n].dof) +
+         RigidEntry(m, d, body, position, {{}, measure.about}, dof);
+}
+
+// Overwrites the entries of row `r` of the contact for the degrees of freedom that the nodes of side s have; where they
+// are those of a robot's links, the other side may move with them too.
+void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides& sides, int s, int r) {
   const int i = contact.efc_address + r;
   const bool sparse = mj_isSparse(m);
   const int* columns = sparse ? d->efc_J_colind + d->efc_J_rowadr[i] : nullptr;
   double* row = d->efc_J + (sparse ? d->efc_J_rowadr[i] : i * m->nv);
-  const int patch_body = m->geom_bodyid[contact.geom[side]], other_body = m->geom_bodyid[contact.geom[1 - side]];
   const Measure measure = RowMeasure(m, contact, r);
-  const Vec3 local = kinematics.ToLocal(d, measure.along), position = {contact.pos[0], contact.pos[1], contact.pos[2]};
-  const bool turning = kinematics.turning();
-  const double sign = side == 1 ? 1 : -1;
+  const Kinematics& kinematics = *sides.kinematics[s];
+  Vec3 local[2];
+  for (int side = 0; side < 2; side++) {
+    if (sides.kinematics[side]) local[side] = sides.kinematics[side]->ToLocal(d, measure.along);
+  }
+  const double sign = s == 1 ? 1 : -1;
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
   for (size_t n = 0; n < kinematics.nodes().size(); n++) {
@@ -186,12 +152,10 @@ void WriteRow(const Kinematics& kinematics, const std::vector<Share>& share, con
       } else {
         entry = dof;
       }
-      double value = kinematics.RowEntry(share[n], local, static_cast<int>(n), a);
-      if (turning) {
-        value += RigidEntry(m, d, patch_body, position, {{}, measure.about}, dof) -
-                 RigidEntry(m, d, other_body, position, measure, dof);
-      }
-      row[entry] = sign * value;
+      // slides of the soft body's own move nothing else
+      row[entry] = sign * (kinematics.turning() ? SideEntry(m, d, contact, sides, s, measure, local[s], dof) -
+                                                      SideEntry(m, d, contact, sides, 1 - s, measure, local[1 - s], dof)
+                                                : kinematics.RowEntry((*sides.share[s])[n], local[s], n, a));
     }
   }
 }
@@ -242,9 +206,10 @@ ContactScratch::ContactScratch(const mjModel* m)
       half(m->nv),
       sqrt_inverse(m->nv),
       omega(kMaxCarried * m->nbody),
-      share(m->nv),
-      skinned(3 * kMaxPatchVertices),
-      blend(kMaxPatchVertices) {}
+      share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)},
+      touch(std::make_unique<TouchScratch>()) {}
+
+ContactScratch::~ContactScratch() = default;
 
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
@@ -256,37 +221,43 @@ void InstallCollisionHook() {
 
 void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   for (int i = 0; i < m->nv; i++) scratch->sqrt_inverse[i] = std::sqrt(d->qLDiagInv[i]);
-  ClusterContact found[kMaxClusters];
-  int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose clusters are in `found`
+  Touch found[kMaxTouches];
+  SoftSide side[2];
+  int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
-    const int side = GetSoftBody(m, d, m->geom_plugin[contact.geom[1]]) ? 1 : 0;
-    const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[contact.geom[side]]);
-    const Patch* patch = body ? body->FindPatch(contact.geom[side]) : nullptr;
-    if (!patch) continue;
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
-      std::copy(contact.geom, contact.geom + 2, pair);
-      count = ClusterContacts(*body, *patch, d, GeomQuery(m, d, contact.geom[1 - side]), scratch->skinned.data(),
-                              scratch->blend.data(), found);
+      for (int s = 0; s < 2; s++) {
+        pair[s] = contact.geom[s];
+        side[s] = SideOf(m, d, pair[s]);
+      }
+      double highest = contact.dist;
+      for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
+        highest = std::max(highest, d->contact[i].dist);
+      }
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
       next = 0;
     }
-    // contacts of a pair come in the order of the clusters, without those that do not touch
+    // contacts of a pair come in the order of its touches, without those that are too far
     while (next < count &&
            Norm(found[next].position - Vec3{contact.pos[0], contact.pos[1], contact.pos[2]}) > kSamePlace) {
       next++;
     }
     if (next == count) continue;
-    for (size_t j = 0; j < patch->point.size(); j++) {
-      const double* weight = patch->weight.data() + j * patch->vertices;
-      scratch->omega[j] = 0;
-      for (int s = found[next].begin; s < found[next].end; s++) scratch->omega[j] += scratch->blend[s] * weight[s];
+    Sides sides = {};
+    for (int s = 0; s < 2; s++) {
+      if (!side[s].body) continue;
+      const Kinematics& kinematics = side[s].body->kinematics();
+      std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
+      AddTouchWeights(d, side, found[next], *scratch->touch, s, scratch->omega.data());
+      const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+      kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
+      sides.kinematics[s] = &kinematics;
+      sides.share[s] = &scratch->share[s];
     }
-    const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
-    body->kinematics().PointShares(patch->point, scratch->omega.data(), body->kinematics().PositionToLocal(d, position),
-                                   &scratch->share);
-    for (int r = 0; r < RowCount(m, contact); r++) {
-      WriteRow(body->kinematics(), scratch->share, m, d, contact, r, side);
+    for (int s = 0; s < 2; s++) {
+      for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
     }
     ScaleImpedance(m, d, contact, scratch);
     next++;

@@ -4,19 +4,24 @@
 // are nearly as deep as its deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero
 // continuously: choosing single vertices instead makes a resting body flip between choices for ever. A contact row
 // along t reads tᵀ Σ_j ω_j J_j with ω_j = Σ_s a_s W_j(s) over the degrees of freedom of the soft body: equation (11).
+// Where vertices do not reach, features of geoms and other soft bodies do (touch.h).
 
 #ifndef MJFRAMES_PLUGIN_CONTACT_H_
 #define MJFRAMES_PLUGIN_CONTACT_H_
 
 #include <mujoco/mujoco.h>
 
+#include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "kinematics.h"
 #include "linear.h"
 
 namespace mjframes {
+
+class SoftBody;
 
 // The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
 struct Patch {
@@ -34,24 +39,21 @@ inline constexpr int kMaxPatchVertices = 1024;
 // A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
 inline constexpr int kMaxClusters = 4;
 
-// Where a cluster touches a geom, or would: the pressure centre of its deepest vertices.
-struct ClusterContact {
-  double distance;  // [m], negative inside
-  Vec3 position;    // half way between the surfaces [m]
-  Vec3 normal;      // out of the other geom
-  int begin, end;   // vertices of the cluster
-};
+struct TouchScratch;
 
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
-  std::vector<double> row, half;     // J and D^(−½) L^(−ᵀ) Jᵀ               (nv)
-  std::vector<double> sqrt_inverse;  // D^(−½)                               (nv)
-  std::vector<double> omega;         // ω_j of the contact's control points
-  std::vector<Share> share;          // of the nodes                         (≤ nv)
-  std::vector<double> skinned;       // vertices of the current patch        (3 × n)
-  std::vector<double> blend;         // their shares in the clusters' contacts (n)
+  ~ContactScratch();
+  std::vector<double> row, half;            // J and D^(−½) L^(−ᵀ) Jᵀ             (nv)
+  std::vector<double> sqrt_inverse;         // D^(−½)                             (nv)
+  std::vector<double> omega;                // ω of each control point
+  std::array<std::vector<Share>, 2> share;  // by side: of the nodes         (≤ nv)
+  std::unique_ptr<TouchScratch> touch;
 };
+
+// World positions of the vertices by component: out[c n + s] = Σ_j W_j(s) x_j
+void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out);
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "height_field.h"
+
 namespace mjframes {
 namespace {
 
@@ -85,8 +87,16 @@ double Ellipsoid(const Vec3& p, const Vec3& radius, Vec3* normal) {
 
 }  // namespace
 
-GeomQuery::GeomQuery(const mjModel* m, const mjData* d, int geom)
-    : valid(true), model(m), data(d), type(m->geom_type[geom]), sdf_id(-1), plugin(nullptr) {
+GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int geom, double reach)
+    : valid(true),
+      model(m),
+      data(d),
+      type(m->geom_type[geom]),
+      sdf_id(-1),
+      plugin(nullptr),
+      hull(nullptr),
+      reach(reach),
+      bound(m->geom_rbound[geom]) {
   for (int i = 0; i < 3; i++) {
     size[i] = m->geom_size[3 * geom + i];
     position[i] = d->geom_xpos[3 * geom + i];
@@ -96,11 +106,10 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, int geom)
     plugin = mjc_getSDF(m, geom);
     sdf_id = m->geom_plugin[geom];
     valid = plugin->sdf_distance && plugin->sdf_gradient;
-  } else if (type == mjGEOM_SDF || type == mjGEOM_MESH) {
+  } else if (type == mjGEOM_SDF || type == mjGEOM_MESH || type == mjGEOM_HFIELD) {
     sdf_id = m->geom_dataid[geom];
-    valid = sdf_id >= 0 && m->mesh_octadr[sdf_id] >= 0;
-  } else if (type == mjGEOM_HFIELD) {
-    valid = false;
+    if (type == mjGEOM_MESH && m->mesh_octadr[sdf_id] < 0) hull = hulls[sdf_id].get();
+    valid = sdf_id >= 0 && (type == mjGEOM_HFIELD || hull || m->mesh_octadr[sdf_id] >= 0);
   }
 }
 
@@ -113,6 +122,19 @@ Vec3 GeomQuery::Normal(const Vec3& p) const {
   Vec3 normal;
   Evaluate(p, &normal);
   return normal;
+}
+
+double GeomQuery::LowerBound(const AlignedBox& box) const {
+  if (bounded()) {
+    Vec3 gap;
+    for (int i = 0; i < 3; i++) gap[i] = std::max(0.0, std::abs(position[i] - box.centre[i]) - box.half[i]);
+    return Norm(gap) - bound;
+  }
+  const Vec3 local = MulT(orientation, box.centre - position);
+  if (type == mjGEOM_HFIELD) return HeightFieldBound(model, sdf_id, local) - Norm(box.half);
+  double below = 0;
+  for (int i = 0; i < 3; i++) below += std::abs(orientation[3 * i + 2]) * box.half[i];
+  return local[2] - below;
 }
 
 double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {
@@ -139,7 +161,14 @@ double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {
     case mjGEOM_BOX:
       distance = Box(local, size, &n);
       break;
+    case mjGEOM_HFIELD:
+      distance = HeightFieldDistance(model, sdf_id, local, reach, &n);
+      break;
     default: {
+      if (hull) {
+        distance = hull->Distance(local, reach, &n);
+        break;
+      }
       mjtGeom geom_type = static_cast<mjtGeom>(type);
       const mjpPlugin* sdf_plugin = plugin;
       int id = sdf_id;

@@ -5,14 +5,22 @@
 
 #include <mujoco/mujoco.h>
 
+#include <memory>
+#include <vector>
+
+#include "hull.h"
 #include "linear.h"
+#include "patch_volume.h"
 
 namespace mjframes {
 
+using Hulls = std::vector<std::unique_ptr<const Hull>>;  // by mesh
+
 // A geom placed in the world, ready for many queries. Types without a closed form go through MuJoCo's own
-// signed distance (meshes need an octree, SDF plugins bring theirs); `valid` is false where it has none.
+// signed distance: SDF plugins bring theirs, meshes an octree. A mesh without one is its convex hull.
 struct GeomQuery {
-  GeomQuery(const mjModel* m, const mjData* d, int geom);
+  // reach: distances above it may be any above it.
+  GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int geom, double reach);
 
   // Distance [m] from world point p to the surface, negative inside.
   double Distance(const Vec3& p) const;
@@ -20,7 +28,13 @@ struct GeomQuery {
   // Unit vector out of the geom at p, in the world: the gradient of the distance.
   Vec3 Normal(const Vec3& p) const;
 
-  bool valid;
+  // At most the distance of any point in the box: that of a sphere or box around the geom.
+  double LowerBound(const AlignedBox& box) const;
+
+  // Whether it has a size, unlike a plane and, as patches see it, a height field.
+  bool bounded() const { return bound > 0; }
+
+  bool valid;  // false where MuJoCo has no such distance
 
  private:
   double Evaluate(const Vec3& p, Vec3* normal) const;
@@ -33,6 +47,9 @@ struct GeomQuery {
   Mat3 orientation;  // world from geom
   int sdf_id;        // plugin instance or mesh of an SDF geom
   const mjpPlugin* plugin;
+  const Hull* hull;
+  double reach;
+  double bound;  // radius of a sphere around it [m]; 0 for planes and height fields
 };
 
 }  // namespace mjframes

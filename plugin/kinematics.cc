@@ -142,6 +142,7 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
 }
 
 bool Kinematics::IsAbove(int upper, int lower) const {
+  if (upper < 0) return true;
   while (lower >= 0 && nodes_[lower].depth > nodes_[upper].depth) lower = nodes_[lower].parent;
   return lower == upper;
 }
@@ -353,17 +354,15 @@ void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale,
   }
 }
 
-void Kinematics::PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,
-                             std::vector<Share>* shares) const {
+void Kinematics::PointShares(const double* omega, const Vec3& position, std::vector<Share>* shares) const {
   Vec3 lever = position;
-  for (size_t i = 0; i < point.size(); i++) lever = lever - omega[i] * x_[point[i]];
+  for (size_t j = 0; j < points_.size(); j++) lever = lever - omega[j] * x_[j];
   std::fill(shares->begin(), shares->end(), Share{});
-  for (size_t i = 0; i < point.size(); i++) {
-    const int n = points_[point[i]].node;
-    if (n < 0) continue;
-    Share& share = (*shares)[n];
-    share.weight += omega[i];
-    share.moment = share.moment + omega[i] * (x_[point[i]] + lever);
+  for (size_t j = 0; j < points_.size(); j++) {
+    if (points_[j].node < 0 || omega[j] == 0) continue;
+    Share& share = (*shares)[points_[j].node];
+    share.weight += omega[j];
+    share.moment = share.moment + omega[j] * (x_[j] + lever);
   }
   for (size_t n = nodes_.size(); n-- > 0;) {
     if (nodes_[n].parent < 0) continue;

@@ -88,12 +88,14 @@ class Kinematics {
   Vec3 WorldPosition(const mjData* d, int j) const;
 
   // Replaces the shares (one a node) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft body's
-  // axes): a lever that turns with the bodies.
-  void PointShares(const std::vector<int32_t>& point, const double* omega, const Vec3& position,
-                   std::vector<Share>* shares) const;
+  // axes): a lever that turns with the bodies. omega: one a point.
+  void PointShares(const double* omega, const Vec3& position, std::vector<Share>* shares) const;
 
   // Velocity of that point along `direction` (soft body's axes) for a unit rate of degree of freedom a of node n.
   double RowEntry(const Share& share, const Vec3& direction, int n, int a) const;
+
+  // Whether node `upper` is at or above node `lower`; −1 is above all.
+  bool IsAbove(int upper, int lower) const;
 
   // The node that has degree of freedom `dof`, −1 for none.
   int NodeOfDof(int dof) const;
@@ -118,7 +120,6 @@ class Kinematics {
  private:
   void FindPoints(const mjModel* m, int instance, Reader* reader);
   void FindNodes(const mjModel* m, int instance);
-  bool IsAbove(int upper, int lower) const;
   template <int N>
   void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
   template <int N>

@@ -43,7 +43,18 @@ constexpr const char* kAttributes[] = {
     "patch_cluster_size",
     "patch_point",
     "patch_weight",
-    "patch_offset",  // s − Σ_j W_j(s) x̄_j [m]; left out where it is zero
+    "patch_offset",     // s − Σ_j W_j(s) x̄_j [m]; left out where it is zero
+    "lattice_spacing",  // [m]
+    "lattice_axes",
+    "lattice_origin",
+    "lattice_shape",
+    "lattice_node",
+    "lattice_distance",
+    "lattice_patch",
+    "lattice_count",
+    "lattice_point",
+    "lattice_weight",
+    "lattice_sphere",
 };
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
@@ -187,15 +198,18 @@ bool ChangesInertia(const mjModel* m, int instance) {
   return std::strcmp(reader.Text("mode"), "explicit") != 0 || reader.Has("region_mass");
 }
 
-// Geoms that patches cannot meet are named once, when the data is made: falling through them must not be a riddle.
-void WarnOfGeomsWithoutDistance(const mjModel* m) {
+bool CanCollide(const mjModel* m, int a, int b) {
+  return (m->geom_contype[a] & m->geom_conaffinity[b]) || (m->geom_contype[b] & m->geom_conaffinity[a]);
+}
+
+// MuJoCo 4.0.0 lets height fields have no contact with any SDF geom.
+void CheckHeightFields(const mjModel* m, int patch, Reader* reader) {
   for (int geom = 0; geom < m->ngeom; geom++) {
-    const bool collides = m->geom_contype[geom] || m->geom_conaffinity[geom];
-    const int type = m->geom_type[geom];
-    const bool mesh = type == mjGEOM_MESH && m->mesh_octadr[m->geom_dataid[geom]] < 0;
-    if (!collides || (!mesh && type != mjGEOM_HFIELD)) continue;
-    mju_warning("mjframes: geom '%s' is a %s and soft bodies pass through it%s.", m->names + m->name_geomadr[geom],
-                mesh ? "mesh" : "height field", mesh ? ": give it type=\"sdf\"" : "");
+    if (m->geom_type[geom] != mjGEOM_HFIELD || !CanCollide(m, geom, patch)) continue;
+    if (mj_maxContact(m, geom, patch, -1) > 0) return;
+    reader->Fail(std::string("this MuJoCo (") + mj_versionString() +
+                 ") gives soft bodies no contact with height field '" + (m->names + m->name_geomadr[geom]) +
+                 "': make it a mesh, use MuJoCo 3.17.0, or set its contype and conaffinity so that they do not meet");
     return;
   }
 }
@@ -263,6 +277,27 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   return patches;
 }
 
+Lattice ReadLattice(int points, const std::vector<Patch>& patches, Reader* reader) {
+  Lattice lattice;
+  lattice.spacing = reader->Number("lattice_spacing");
+  lattice.axes = reader->Array<double>("lattice_axes");
+  lattice.origin = reader->Array<double>("lattice_origin");
+  lattice.shape = reader->Array<int32_t>("lattice_shape");
+  lattice.node = reader->Array<int32_t>("lattice_node");
+  lattice.distance = reader->Array<double>("lattice_distance");
+  lattice.patch = reader->Array<int32_t>("lattice_patch");
+  lattice.count = reader->Array<int32_t>("lattice_count");
+  lattice.point = reader->Array<int32_t>("lattice_point");
+  lattice.weight = reader->Array<double>("lattice_weight");
+  lattice.vertex = reader->Array<double>("lattice_sphere");
+  int vertices = 0;
+  for (const Patch& patch : patches) vertices += patch.vertices;
+  if (!reader->ok()) return {};
+  const std::string wrong = lattice.Finish(points, static_cast<int>(patches.size()), vertices);
+  if (!wrong.empty()) reader->Fail(wrong);
+  return lattice;
+}
+
 }  // namespace
 
 std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
@@ -300,7 +335,17 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok()) body->patches_ = ReadPatches(m, instance, body->kinematics_.points(), &reader);
   if (reader.ok() && !body->patches_.empty()) {
     body->contact_radius_ = reader.Number("contact_radius");
-    WarnOfGeomsWithoutDistance(m);
+    body->volumes_.resize(body->patches_.size());
+    body->has_volume_ = reader.Has("lattice_spacing");
+    if (body->has_volume_) {
+      body->lattice_ = ReadLattice(static_cast<int>(body->kinematics_.points().size()), body->patches_, &reader);
+      for (size_t i = 0; reader.ok() && i < body->patches_.size(); i++) {
+        body->volumes_[i] = PatchVolume::Create(m, *body, static_cast<int>(i));
+      }
+    }
+    body->hulls_ = CollisionHulls(m);
+    body->features_ = GeomFeatures(m, body->hulls_);
+    CheckHeightFields(m, body->patches_.front().geom, &reader);
   }
   if (!reader.ok()) {
     mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());
@@ -347,11 +392,11 @@ void SoftBody::AssignMass() {
   for (size_t j = 0; j < points; j++) mass_[own[j]] += kinematics_.points()[j].mass;
 }
 
-const Patch* SoftBody::FindPatch(int geom) const {
+int SoftBody::FindPatch(int geom) const {
   // patches are in the order of their geoms
   const auto found = std::lower_bound(patches_.begin(), patches_.end(), geom,
                                       [](const Patch& patch, int value) { return patch.geom < value; });
-  return found != patches_.end() && found->geom == geom ? &*found : nullptr;
+  return found != patches_.end() && found->geom == geom ? static_cast<int>(found - patches_.begin()) : -1;
 }
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {

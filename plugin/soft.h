@@ -20,8 +20,13 @@
 
 #include "contact.h"
 #include "corotational.h"
+#include "deformed.h"
+#include "distance.h"
+#include "geom_features.h"
 #include "kinematics.h"
+#include "lattice.h"
 #include "linear.h"
+#include "patch_volume.h"
 #include "quadrature.h"
 
 namespace mjframes {
@@ -36,9 +41,18 @@ class SoftBody {
   // Adds this step's forces and effective inertia; the model's last soft body then writes all contact rows.
   void Compute(const mjModel* m, mjData* d);
 
-  const Patch* FindPatch(int geom) const;
+  // Number of the patch of a geom, −1 if it has none.
+  int FindPatch(int geom) const;
   double contact_radius() const { return contact_radius_; }
   const Kinematics& kinematics() const { return kinematics_; }
+  const std::vector<Patch>& patches() const { return patches_; }
+  const std::vector<PatchVolume>& volumes() const { return volumes_; }
+  // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
+  // only.
+  bool has_volume() const { return has_volume_; }
+  const Lattice& lattice() const { return lattice_; }
+  const Hulls& hulls() const { return hulls_; }
+  const std::vector<Features>& features() const { return features_; }
 
  private:
   SoftBody() = default;
@@ -58,6 +72,11 @@ class SoftBody {
   std::vector<QuadratureRegion> quadrature_;  // of another law
   double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
   std::vector<Patch> patches_;
+  bool has_volume_ = false;
+  std::vector<PatchVolume> volumes_;  // by patch
+  Lattice lattice_;
+  Hulls hulls_;                          // of the scene's meshes
+  std::vector<Features> features_;       // of the scene's geoms
   std::vector<double> mass_;             // of each pair of points [kg]
   std::vector<double> mass_difference_;  // how much of it MuJoCo does not know of: consistent minus lumped mass [kg]
 

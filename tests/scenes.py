@@ -9,6 +9,7 @@ import numpy as np
 from shapes import mixed
 
 from mjframes.body import SoftBody, build
+from mjframes.contact import Contact
 from mjframes.material import Material
 from mjframes.mjcf import attach
 from mjframes.view import Soft, soft, soft_names
@@ -47,7 +48,7 @@ def in_space(body: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:
 def compiled(
     xml: str,
     *bodies: tuple[SoftBody, tuple[float, ...], tuple[float, ...]],
-    contact: bool = True,
+    contact: bool | Contact = True,
     parent: str = "world",
     **options: object,
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mjframes import bench
+from mjframes.bench_large import Job
 from mjframes.material import Material
 from mjframes.volume import Volume
 
@@ -81,6 +82,7 @@ def test_main_prints_tables_and_writes_every_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench, "standard_jobs", lambda folder: [Job(str(bench.VOLUME), 20_000, 2, 3)])
     monkeypatch.setattr(bench, "PAPER", {(3, 10): (3, 500)})
     for name, value in (("BUILDS", 1), ("ROUNDS", 1), ("STEPS", 20)):
         monkeypatch.setattr(bench, name, value)
@@ -92,8 +94,8 @@ def test_main_prints_tables_and_writes_every_number(
     with (tmp_path / bench.OUTPUT).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["table"] for row in rows} == {
-        "machine", "build", "step", "contacts", "iterations", "share", "paper",
+        "machine", "build", "large", "memory", "step", "contacts", "iterations", "share", "paper",
     }  # fmt: skip
-    assert all(float(row["value"]) > 0 for row in rows if row["table"] in ("build", "step", "share", "paper"))
+    assert all(float(row["value"]) > 0 for row in rows if row["table"] in ("build", "large", "step", "share", "paper"))
     steps = [row["row"] for row in rows if row["table"] == "step"]
     assert steps == [bench.SOFT, bench.AIR, bench.SPHERES, bench.BODIES]

@@ -6,15 +6,20 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
-from mjframes import cache
+from mjframes import cache, voxelize
 from mjframes.body import build
 from mjframes.cache import cached, digest, stage_directory
 from mjframes.material import Material
+from mjframes.meshes import MeshWarning
 from mjframes.volume import Volume
+
+FLESH = Material(3e4, 0.45, 1000)
 
 
 @pytest.fixture(autouse=True)
@@ -194,3 +199,43 @@ def test_another_number_of_frames_takes_the_same_surface(monkeypatch: pytest.Mon
     labels[0, 0, 0] = 0
     build(Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.4, 1000)}), 2, 4)
     assert len(extracted) == 2
+
+
+def test_meshes_are_voxelized_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    original = voxelize.voxelize
+    monkeypatch.setattr(voxelize, "voxelize", lambda *arguments: runs.append(1) or original(*arguments))
+    path = tmp_path / "box.stl"
+
+    def write(extents: tuple[float, float, float]) -> None:
+        mesh = trimesh.creation.box(extents)
+        mesh.invert()
+        mesh.export(path)
+
+    def make(frames: int, **settings: Any) -> Volume:
+        with pytest.warns(MeshWarning, match="inside out"):  # again each time
+            volume = Volume.from_meshes([(str(path), FLESH)], **(settings or {"voxels": 500}))
+        build(volume, frames, frames)
+        return volume
+
+    write((0.2, 0.05, 0.05))
+    first, second = make(2), make(3)
+    assert len(runs) == 1
+    for name in ("labels", "spacing", "origin"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert first.labels.dtype == second.labels.dtype
+    write((0.2, 0.05, 0.04))
+    assert make(2).labels.shape != first.labels.shape
+    assert len(runs) == 2
+    for settings in ({"voxels": 400}, {"voxels": 500, "scale": 2.0}, {"spacing": 0.01}, {"voxels": 500, "fill": FLESH}):
+        make(2, **settings)
+    assert len(runs) == 6
+
+
+def test_arrays_of_a_mesh_count_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    original = voxelize.voxelize
+    monkeypatch.setattr(voxelize, "voxelize", lambda *arguments: runs.append(1) or original(*arguments))
+    for width in (0.05, 0.05, 0.06):
+        Volume.from_meshes([(trimesh.creation.box((0.2, width, 0.05)), FLESH)], 0.01)
+    assert len(runs) == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -146,3 +147,8 @@ def test_build_can_drop_small_pieces(tmp_path: Path, capsys: pytest.CaptureFixtu
     captured = capsys.readouterr()
     assert "96 voxels" in captured.out
     assert captured.err == "mjframes: 32 of 128 voxels, not connected to the others, are dropped.\n"
+
+
+def test_the_package_is_the_command() -> None:
+    shown = subprocess.run([sys.executable, "-m", "mjframes", "--help"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("usage: mjframes [-h] COMMAND")

@@ -10,6 +10,7 @@ from mjframes import harmonic
 from mjframes.constants import NEGLIGIBLE_WEIGHT
 from mjframes.grid import voxel_grid
 from mjframes.harmonic import harmonic_weights
+from mjframes.material import Material
 from mjframes.placement import place_frames
 from mjframes.volume import Volume
 
@@ -124,3 +125,26 @@ def test_multigrid_agrees_with_factorization():
         harmonic.DIRECT = harmonic_direct
     np.testing.assert_allclose(found, exact, atol=1e-5 * np.abs(exact).max())
     assert np.array_equal(found, again)
+
+
+@pytest.mark.parametrize("pattern", ["threads", "seven materials", "sheets"])
+def test_multigrid_converges_at_a_contrast_of_a_million(pattern, monkeypatch: pytest.MonkeyPatch):
+    """Soft corners in material of which a third is 1e6 times as stiff, about where it begins to hang together."""
+    pytest.importorskip("pyamg")
+    n, rng = 24, np.random.default_rng(2)
+    labels = {
+        "threads": 1 + 6 * (rng.random((n, n, n)) < 0.31),
+        "seven materials": rng.integers(1, 8, (n, n, n)),
+        "sheets": 1 + 6 * (np.indices((n, n, n))[0] % 3 == 0),
+    }[pattern].astype(np.uint8)
+    labels[:4, :4, :4] = labels[-4:, -4:, -4:] = 1
+    materials = {i: Material(10.0 ** (2 + i), 0.3, 1000) for i in range(1, 8)}
+    grid = voxel_grid(Volume.from_labels(labels, 0.005, materials))
+    assert grid.young.max() == 1e6 * grid.young.min()
+    placement = place_frames(grid, at=[[0.0075] * 3, [0.1125] * 3])
+    monkeypatch.setattr(harmonic, "DIRECT", 10**9)
+    exact = harmonic_weights(grid, placement).toarray()
+    monkeypatch.setattr(harmonic, "DIRECT", 0)
+    monkeypatch.setattr(harmonic, "ITERATIONS", 60)
+    np.testing.assert_allclose(harmonic_weights(grid, placement).toarray(), exact, atol=1e-5)
+    assert np.ptp(exact[:, 0]) > 0.9

@@ -130,6 +130,21 @@ def test_degrees_of_freedom() -> None:
     assert counts == {"point": 12, "rigid": 24, "affine": 48, "quadratic": 120, "all types": 51}
 
 
+@pytest.mark.parametrize("frame_type", ["point", "rigid", "affine"])
+def test_one_frame_and_a_fixed_end(frame_type: str) -> None:
+    made = mf.build(bar(), 1, 3, frame_type=frame_type, fixed=[mf.Fixed(ends(True))])
+    model, data = compiled("<mujoco/>", (made, (0, 0, 0), (1, 0, 0, 0)), contact=False)
+    jumble(model, data, np.random.default_rng(8), 0.01, 0.2)
+    expected = rigid_inertia(model, data) + implicit_step(model, data)[1]
+    np.testing.assert_allclose(dense_inertia(model, data), expected, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("frame_type", ["point", "rigid"])
+def test_one_frame_that_cannot_deform_is_refused(frame_type: str) -> None:
+    with pytest.raises(mf.MjframesError, match=f"one '{frame_type}' frame cannot be deformed"):
+        mf.build(bar(), 1, 3, frame_type=frame_type)
+
+
 def test_links_of_several_branches_are_held_enlarged() -> None:
     with pytest.warns(BranchWarning, match=r"soft0: \d of \d regions couple 'other' to other branches"):
         model, data = compiled(ARM, (body("affine", ("lower", "other")), (0, 0, 0), (1, 0, 0, 0)), contact=False)

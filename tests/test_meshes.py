@@ -265,6 +265,14 @@ def test_open_surfaces_ask_for_libigl(monkeypatch: pytest.MonkeyPatch) -> None:
         Volume.from_meshes([(trimesh.Trimesh(mesh.vertices, mesh.faces[1:]), FLESH)], 0.01)
 
 
+def test_mixed_orientation_asks_for_libigl(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "igl", None)
+    mesh = box((0.1, 0.1, 0.1))
+    faces = np.concatenate([mesh.faces[:1, ::-1], mesh.faces[1:]])
+    with pytest.raises(MjframesError, match=r"mesh 1: the surface has triangles of mixed orientation and needs libigl"):
+        Volume.from_meshes([(trimesh.Trimesh(mesh.vertices, faces, process=False), FLESH)], 0.01)
+
+
 def test_lids_close_every_hole() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=3)
     kept = np.random.default_rng(1).random(len(mesh.faces)) < 0.8

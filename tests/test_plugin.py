@@ -36,7 +36,7 @@ PILE = """
   <worldbody>
     <geom name="floor" type="plane" size="1 1 .1"/>
     <body pos="0.12 0.02 0.02"><freejoint/><geom name="box" type="box" size=".03 .06 .02" mass=".5"/></body>
-    <body pos="0.14 0.02 0.095"><freejoint/><geom name="lid" type="box" size=".02 .02 .01" mass=".1" condim="6"/></body>
+    <body pos="0.14 0.02 .0975"><freejoint/><geom name="lid" type="box" size=".02 .02 .01" mass=".1" condim="6"/></body>
   </worldbody>
 </mujoco>
 """

@@ -46,7 +46,7 @@ def model(request: pytest.FixtureRequest) -> Model:
 def test_gradients_reproduce_linear_fields_at_every_voxel(model):
     for e, members in enumerate(model.regions.frames):
         voxels, frames = np.flatnonzero(model.regions.label == e), np.array(members)
-        gradient = control_gradients(model.grid, model.weights, model.control, voxels, frames)
+        gradient = control_gradients(model.grid, model.weights, model.control, voxels, frames, model.regions.label)
         rest = model.control.rest[points_of(model.control, frames)[0]]
         assert np.abs(np.einsum("ja,vjb->vab", rest, gradient) - np.eye(3)).max() < 1e-12
         assert np.abs(gradient.sum(axis=1)).max() < 1e-10  # of gradients around 100 / m
@@ -82,7 +82,7 @@ def test_matrix_is_the_sum_over_the_voxels():
     grid, control, points = model.grid, model.control, model.stiffness.points[e]
     voxels, frames = np.flatnonzero(model.regions.label == e), control.frame[points[::4]]
     expected = np.zeros_like(model.stiffness.matrix[e])
-    gradients = control_gradients(grid, model.weights, control, voxels, frames)
+    gradients = control_gradients(grid, model.weights, control, voxels, frames, model.regions.label)
     for v, g in zip(voxels, gradients, strict=True):
         strain = np.zeros((6, 3 * len(g)))  # xx yy zz, and engineering yz zx xy
         for j, (x, y, z) in enumerate(g):
@@ -97,7 +97,7 @@ def test_mean_gradient_is_weighted_by_stiffness():
     model = MODELS["split"]
     for e, points in enumerate(model.stiffness.points):
         voxels, frames = np.flatnonzero(model.regions.label == e), model.control.frame[points[::4]]
-        gradient = control_gradients(model.grid, model.weights, model.control, voxels, frames)
+        gradient = control_gradients(model.grid, model.weights, model.control, voxels, frames, model.regions.label)
         expected = np.average(gradient, axis=0, weights=model.grid.young[voxels])
         np.testing.assert_allclose(model.stiffness.gradient[e], expected, atol=1e-11)
 

@@ -1,0 +1,8 @@
+"""`python -m mjframes` is the command `mjframes`."""
+
+import sys
+
+from mjframes.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

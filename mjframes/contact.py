@@ -1,0 +1,67 @@
+"""How a soft body touches: the contact parameters of its patch geoms, in MuJoCo's words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import mujoco
+import numpy as np
+
+from mjframes.errors import MjframesError
+
+LENGTHS = {"friction": 3, "solref": 2, "solimp": 5}
+CONDIMS = (1, 3, 4, 6)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Parameters of all patches of a soft body, as those of a geom in MJCF. None: MuJoCo's default.
+
+    friction: sliding [-], torsional [m], rolling [m].  margin, gap: [m].  solref, solimp: of the constraint.  condim:
+    1, 3, 4 or 6.  contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the
+    other. As they are, a soft body meets rigid geoms and other soft bodies; itself it never meets.  priority: the
+    parameters of the geom with the higher one count, those of equal ones are mixed.
+    Raises MjframesError for values that MuJoCo would not take.
+    """
+
+    friction: tuple[float, ...] | None = None
+    margin: float | None = None
+    gap: float | None = None
+    solref: tuple[float, ...] | None = None
+    solimp: tuple[float, ...] | None = None
+    condim: int | None = None
+    contype: int = 1
+    conaffinity: int = 1
+    priority: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, length in LENGTHS.items():
+            values = getattr(self, name)
+            if values is None:
+                continue
+            shortest = length if name == "solref" else 1
+            if not (shortest <= np.size(values) <= length and np.isfinite(np.asarray(values, float)).all()):
+                counts = f"{shortest} to {length}" if shortest < length else f"{length}"
+                raise MjframesError(f"{name} is {values!r}; give {counts} finite numbers.")
+        if self.friction is not None and np.min(self.friction) < 0:
+            raise MjframesError(f"friction is {self.friction!r}; its coefficients must be ≥ 0.")
+        for name in ("margin", "gap"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise MjframesError(f"{name} is {value!r}; it must be a length ≥ 0 in metres.")
+        if self.condim is not None and self.condim not in CONDIMS:
+            raise MjframesError(f"condim is {self.condim!r}; it must be 1, 3, 4 or 6.")
+        for name in ("contype", "conaffinity"):
+            if not 0 <= getattr(self, name) < 2**31:
+                raise MjframesError(f"{name} is {getattr(self, name)!r}; it must be a bit mask of 31 bits.")
+
+    def write(self, geom: mujoco.MjsGeom) -> None:
+        """Put the parameters into a geom of a spec."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None:
+                continue
+            if field.name in LENGTHS:
+                getattr(geom, field.name)[: np.size(value)] = value
+            else:
+                setattr(geom, field.name, value)

@@ -1,0 +1,72 @@
+"""`mjframes report`: error against run time, against finite elements and MuJoCo's own flex (the paper, §6).
+
+cases → reference (finite elements) → contenders (frames) and flex, in the simulator → measures → plots and page
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+
+from mjframes.bench import machine
+from mjframes.errors import MjframesError
+from mjframes.report.cases import all_cases, bar
+from mjframes.report.flex import FlexProcess
+from mjframes.report.measures import compare
+from mjframes.report.page import Findings, write_csv, write_page
+from mjframes.report.reference import refined
+from mjframes.report.table2 import measure
+from mjframes.report.vibration import exact_vibration, vibrations
+
+MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that the README shows
+HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0, brings it in"
+
+
+def write_report(
+    folder: Path, quick: bool, mujoco4: str | None, models: Mapping[str, str], progress: Callable[[str], None]
+) -> None:
+    """Measure everything and write report.md, report.csv and the figures.
+
+    mujoco4: a Python that has MuJoCo 4.0.0, for flex; None leaves flex out.  models: files for Table 2, by model.
+    Raises MjframesError where an extra package is missing, for a Python without flex and for unusable files.
+    """
+    try:
+        import matplotlib  # noqa: F401
+
+        from mjframes.report.plots import draw_convergence, draw_scatter, draw_shapes, draw_vibration
+    except ImportError as error:
+        raise MjframesError(
+            'the report needs matplotlib, which is not installed; pip install "mjframes[report]".'
+        ) from error
+    start = time.perf_counter()
+    chosen = all_cases(quick)
+    known = {}
+    for case in chosen:
+        progress(f"finite elements: {case.title}")
+        known[case.name] = refined(case)
+    swing = bar("release", "cantilever, let go", "weight", across=6)
+    bent = refined(swing)
+    with FlexProcess(mujoco4) if mujoco4 else nullcontext() as flex:
+        outcomes = [compare(case, known[case.name], flex, quick, progress) for case in chosen]
+        progress("free vibration")
+        found = vibrations(swing, bent, flex, quick)
+        first, _, exact = exact_vibration(swing, bent)
+        version = f"MuJoCo {flex.version}" if flex else HOW
+    lines = measure(models, quick, progress)
+    progress("drawing")
+    main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
+    draw_scatter(folder / "main_time.png", main, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_shapes(folder / "main_shapes.png", main)
+    draw_scatter(folder / "error_time.png", outcomes, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_scatter(folder / "error_dofs.png", outcomes, lambda row: row.dofs, "degrees of freedom")
+    draw_convergence(folder / "convergence.png", outcomes)
+    draw_shapes(folder / "shapes.png", outcomes)
+    draw_vibration(folder / "vibration.png", found, first, exact)
+    write_csv(folder / "report.csv", outcomes)
+    command = shlex.join(["mjframes", *sys.argv[1:]])
+    seconds = time.perf_counter() - start
+    write_page(folder / "report.md", Findings(command, machine(), version, outcomes, found, first, lines, seconds))

@@ -1,0 +1,110 @@
+"""The paper's Table 2 again: precomputation and steps per second of its models, the paper's numbers beside them.
+
+The steak comes with the package's checkout; of the other models only those are measured whose files are given.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import mujoco
+import numpy as np
+
+from mjframes.bench import SOFT, STEPS, measure_builds, measure_steps, prepare_runs
+from mjframes.errors import MjframesError
+from mjframes.images import read_image
+from mjframes.material import Material
+from mjframes.report.cases import STEAK
+from mjframes.volume import Volume
+
+# model, frames, samples: vertices, voxels, t_ini [s], frames a second
+PAPER = {
+    ("steak", 3, 10): ("5k", "67k", 3, 500),
+    ("steak", 10, 53): ("5k", "67k", 8, 100),
+    ("steak", 20, 140): ("5k", "67k", 12, 40),
+    ("dragon", 3, 6): ("20k", "7M", 100, 300),
+    ("dragon", 10, 41): ("20k", "7M", 220, 150),
+    ("dragon", 20, 158): ("20k", "7M", 360, 27),
+    ("ribbon", 5, 9): ("4k", "60k", 4, 200),
+    ("knee", 10, 200): ("35k", "500k", 11, 10),
+    ("rat", 30, 230): ("600k", "1.5M", 90, 8),
+}
+VOXELS = {"dragon": 7_000_000, "ribbon": 60_000, "knee": 500_000, "rat": 1_500_000}
+MODELS = tuple(dict.fromkeys(model for model, _, _ in PAPER))
+FLESH = Material(2e4, 0.45, 1050)  # of meshes, which have no material, and of labels without one
+WIDTH, HEIGHT = 640, 480  # [pixels]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One row of the table; steps and pictures a second, the latter 0 where nothing can be drawn here."""
+
+    model: str
+    frames: int
+    samples: int
+    vertices: int
+    voxels: int
+    build_seconds: float
+    steps: float
+    drawn: float
+
+
+def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], None]) -> list[Line]:
+    """files: model → path of a label image or a mesh. Raises MjframesError for other models and unusable files."""
+    if unknown := set(files) - set(MODELS):
+        raise MjframesError(f"model {sorted(unknown)[0]!r} is not in the table; it has {', '.join(MODELS)}.")
+    paths = ({"steak": str(STEAK)} if STEAK.is_file() else {}) | dict(files)
+    lines = []
+    for model in MODELS:
+        if model not in paths:
+            continue
+        progress(f"table 2: {model}")
+        volume = _volume(paths[model], model)
+        sizes = [(frames, samples) for name, frames, samples in PAPER if name == model]
+        bodies, buildings = measure_builds(volume, sizes, 1 if quick or model != "steak" else 3)
+        for size, body, building in zip(sizes, bodies, buildings, strict=True):
+            run = next(run for run in prepare_runs(body, volume, size, STEPS) if run.name == SOFT)
+            (speed,) = measure_steps([run], 3, STEPS)
+            lines.append(
+                Line(
+                    model,
+                    *size,
+                    len(body.skin.vertices),
+                    body.voxels,
+                    building.total,
+                    1 / speed.step,
+                    _drawn(run.model, run.data),
+                )
+            )
+    return lines
+
+
+def _volume(path: str, model: str) -> Volume:
+    if Path(path).suffix.lower() in (".obj", ".stl", ".ply", ".off", ".glb"):
+        return Volume.from_meshes([(path, FLESH)], voxels=VOXELS[model]).largest_component()
+    image = read_image(Path(path))
+    flesh = {int(label): FLESH for label in np.unique(image.labels) if label}
+    return Volume.from_labels(path, materials=image.materials or flesh).largest_component()
+
+
+def _drawn(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Steps a second when each is drawn."""
+    try:
+        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+    except Exception:  # no way to draw here; MuJoCo raises what its backend raises
+        return 0.0
+    try:
+        spent = []
+        for _ in range(30):
+            start = time.perf_counter()
+            mujoco.mj_step(model, data)
+            renderer.update_scene(data)
+            renderer.render()
+            spent.append(time.perf_counter() - start)
+    finally:
+        renderer.close()
+    return 1 / median(spent)

@@ -1,0 +1,70 @@
+// The deformed volume under a patch: which material point is where, how deep, and which way is out (the paper, §5.4).
+//
+// x(ξ) = Σ_n c_n(ξ) x(n) is inverted by Newton's method. The depth of the material point in the rest shape leads to the
+// surface point q above it; n = F⁻ᵀ ∇φ(q), normalised, and the distance of p is n · (p − x(q)).
+
+#ifndef MJFRAMES_PLUGIN_DEFORMED_H_
+#define MJFRAMES_PLUGIN_DEFORMED_H_
+
+#include <mujoco/mujoco.h>
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "lattice.h"
+#include "linear.h"
+#include "patch_volume.h"
+
+namespace mjframes {
+
+class SoftBody;
+struct Patch;
+
+class DeformedPatch {
+ public:
+  DeformedPatch(const SoftBody& body, int patch, const mjData* d);
+
+  PatchPose Pose() const { return volume_.Pose(body_, data_); }
+  bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
+
+  // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
+  // and no farther than a cell outside.
+  bool Find(const Vec3& p, bool own, Vec3* xi) const;
+
+  // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
+  // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
+  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
+
+  // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
+  bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const;
+
+  // weight[j] += scale W_j(ξ) for all control points j.
+  void AddWeights(const Vec3& xi, double scale, double* weight) const;
+
+  // The material point ξ of vertex s of the patch.
+  Vec3 VertexPoint(int s) const;
+
+  const SoftBody& body() const { return body_; }
+  const Patch& patch() const;
+
+ private:
+  struct Cell {
+    int nodes[8];
+    Vec3 x[8];  // deformed [m]
+  };
+
+  bool Owns(const int* nodes) const;
+  bool Nearest(const int* nodes, const Vec3& fraction) const;
+  bool Deform(const int* nodes, Cell* cell) const;
+
+  const SoftBody& body_;
+  const mjData* data_;
+  const Lattice& lattice_;
+  const PatchVolume& volume_;
+  int patch_;
+};
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_DEFORMED_H_

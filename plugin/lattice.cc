@@ -1,0 +1,88 @@
+#include "lattice.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mjframes {
+namespace {
+
+constexpr int64_t kMaxNodes = 1 << 24;  // of the whole lattice: 64 MB of places
+
+bool Within(const std::vector<int32_t>& values, int64_t end) {
+  return std::all_of(values.begin(), values.end(), [end](int32_t v) { return v >= 0 && v < end; });
+}
+
+}  // namespace
+
+std::string Lattice::Finish(int points, int patches, int vertices) {
+  const size_t n = node.size();
+  if (!(spacing > 0) || axes.size() != 9 || origin.size() != 3 || shape.size() != 3 ||
+      *std::min_element(shape.begin(), shape.end()) < 2) {
+    return "its lattice has no valid shape";
+  }
+  int64_t total = 1;
+  for (const int32_t length : shape) total = total > kMaxNodes ? total : total * length;
+  if (total > kMaxNodes || !Within(node, total) || !std::is_sorted(node.begin(), node.end())) {
+    return "its lattice's nodes are not in the lattice";
+  }
+  start.assign(1, 0);
+  for (const int32_t entries : count) start.push_back(start.back() + std::max(entries, 0));
+  if (distance.size() != n || patch.size() != n || count.size() != n || point.size() != weight.size() ||
+      static_cast<size_t>(start.back()) != point.size() || vertex.size() != 3 * static_cast<size_t>(vertices)) {
+    return "its lattice arrays do not match each other";
+  }
+  if (!Within(patch, patches) || !Within(point, points)) return "its lattice names patches or points it has not";
+  place.assign(total, -1);
+  for (size_t i = 0; i < n; i++) {
+    place[node[i]] = static_cast<int32_t>(i);
+  }
+  return "";
+}
+
+Vec3 Lattice::Coordinates(const Vec3& p) const {
+  Vec3 xi{};
+  for (int i = 0; i < 3; i++) {
+    for (int c = 0; c < 3; c++) xi[i] += axes[3 * c + i] * (p[c] - origin[c]) / spacing;
+  }
+  return xi;
+}
+
+bool Lattice::Cell(const Vec3& xi, int* nodes, Vec3* fraction) const {
+  int64_t base[3];
+  for (int i = 0; i < 3; i++) {
+    if (!(xi[i] >= 0) || !(xi[i] < shape[i] - 1)) return false;
+    base[i] = static_cast<int64_t>(xi[i]);
+    (*fraction)[i] = xi[i] - static_cast<double>(base[i]);
+  }
+  const int64_t first = (base[0] * shape[1] + base[1]) * shape[2] + base[2];
+  for (int corner = 0; corner < 8; corner++) {
+    const int dx = corner & 1, dy = corner >> 1 & 1, dz = corner >> 2;
+    nodes[corner] = place[first + (dx * static_cast<int64_t>(shape[1]) + dy) * shape[2] + dz];
+    if (nodes[corner] < 0) return false;
+  }
+  return true;
+}
+
+std::array<double, 8> Shares(const Vec3& f) {
+  const double x[2] = {1 - f[0], f[0]}, y[2] = {1 - f[1], f[1]}, z[2] = {1 - f[2], f[2]};
+  std::array<double, 8> share;
+  for (int corner = 0; corner < 8; corner++) share[corner] = x[corner & 1] * y[corner >> 1 & 1] * z[corner >> 2];
+  return share;
+}
+
+double Lattice::Distance(const int* nodes, const Vec3& f, Vec3* gradient) const {
+  const double x[2] = {1 - f[0], f[0]}, y[2] = {1 - f[1], f[1]}, z[2] = {1 - f[2], f[2]};
+  double value = 0;
+  *gradient = {};
+  for (int corner = 0; corner < 8; corner++) {
+    const int a = corner & 1, b = corner >> 1 & 1, c = corner >> 2;
+    const double phi = distance[nodes[corner]];
+    value += x[a] * y[b] * z[c] * phi;
+    (*gradient)[0] += (2 * a - 1) * y[b] * z[c] * phi;
+    (*gradient)[1] += x[a] * (2 * b - 1) * z[c] * phi;
+    (*gradient)[2] += x[a] * y[b] * (2 * c - 1) * phi;
+  }
+  return value;
+}
+
+}  // namespace mjframes

@@ -1,0 +1,53 @@
+// The rest shape of a soft body on a coarse lattice: signed distance to its surface and control weights at the nodes.
+//
+// A material point is written in lattice coordinates ξ [cells]; between nodes everything is trilinear.
+
+#ifndef MJFRAMES_PLUGIN_LATTICE_H_
+#define MJFRAMES_PLUGIN_LATTICE_H_
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "linear.h"
+
+namespace mjframes {
+
+struct Lattice {
+  double spacing = 0;            // of the nodes [m]
+  std::vector<double> axes;      // its directions in the soft body's axes, columns   (3 × 3)
+  std::vector<double> origin;    // of node 0 at rest [m]                        (3)
+  std::vector<int32_t> shape;    // nodes along each axis                        (3)
+  std::vector<int32_t> node;     // those kept, by their place in the lattice    (n, ascending)
+  std::vector<double> distance;  // φ, negative inside [m]                       (n)
+  std::vector<int32_t> patch;    // whose contact vertices are nearest           (n)
+  std::vector<int32_t> count;    // control points that move each node           (n)
+  std::vector<int32_t> point;    // which                                        (Σ count)
+  std::vector<double> weight;    // W_j(n)                                       (Σ count)
+  std::vector<double> vertex;    // ξ of the contact vertices, patch after patch (3 × vertices)
+
+  // Derived.
+  std::vector<int32_t> place;  // from the whole lattice to the nodes kept, −1 where there is none
+  std::vector<int32_t> start;  // first entry of each node, and the end          (n + 1)
+
+  // Checks the arrays against each other and against the numbers of control points, patches and contact vertices, and
+  // derives the rest. On failure returns what is wrong.
+  std::string Finish(int points, int patches, int vertices);
+
+  // ξ of a place at rest [m].
+  Vec3 Coordinates(const Vec3& p) const;
+
+  // The eight nodes around ξ, x fastest, and where ξ is among them; false where one is missing.
+  bool Cell(const Vec3& xi, int* nodes, Vec3* fraction) const;
+
+  // φ [m] and ∂φ/∂ξ.
+  double Distance(const int* nodes, const Vec3& fraction, Vec3* gradient) const;
+};
+
+// Shares of a cell's eight nodes in a point within it.
+std::array<double, 8> Shares(const Vec3& fraction);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_LATTICE_H_

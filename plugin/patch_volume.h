@@ -1,0 +1,85 @@
+// What a patch answers for, and a box around it wherever it is.
+//
+// The weights of any material point p̄ of the patch are close to affine in p̄: W_j(p̄) = a_j + g_j · (p̄ − p̄₀) + e_j with
+// small e_j. Since Σ_j e_j = 0 and Σ_j e_j x̄_j = 0, with c = Σ_j a_j x_j and B = Σ_j x_j g_jᵀ
+//
+//   x(p̄) = c + B (p̄ − p̄₀) + Σ_j e_j d_j,   d_j = x_j − c − B (x̄_j − p̄₀)
+//
+// and d_j = 0 where the patch moves affinely: so bounds of p̄ − p̄₀ and of e_j, taken once, bound x closely.
+
+#ifndef MJFRAMES_PLUGIN_PATCH_VOLUME_H_
+#define MJFRAMES_PLUGIN_PATCH_VOLUME_H_
+
+#include <mujoco/mujoco.h>
+
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "linear.h"
+
+namespace mjframes {
+
+class SoftBody;
+struct Lattice;
+
+// Along the world's axes.
+struct AlignedBox {
+  Vec3 centre, half;
+
+  bool Holds(const Vec3& p, double margin) const {
+    for (int i = 0; i < 3; i++) {
+      if (!(std::abs(p[i] - centre[i]) <= half[i] + margin)) return false;
+    }
+    return true;
+  }
+
+  bool Apart(const AlignedBox& other, double margin) const {
+    for (int i = 0; i < 3; i++) {
+      if (std::abs(other.centre[i] - centre[i]) > half[i] + other.half[i] + margin) return true;
+    }
+    return false;
+  }
+};
+
+// Where a patch is now.
+struct PatchPose {
+  AlignedBox box;  // holds the centres of the vertices and the material
+  // ξ ≈ guess + slope (x − centre of the box), off by `error` at most for points of the patch [cells].
+  Vec3 guess;
+  Mat3 slope;
+  double error;
+};
+
+// A patch's vertices and the material below them. Its contact rows hold the control points on the path from the root to
+// its geom's body and those that do not move; weights of others, rare and small, are left out and the rest scaled to
+// sum 1.
+struct PatchVolume {
+  static PatchVolume Create(const mjModel* m, const SoftBody& body, int patch);
+
+  PatchPose Pose(const SoftBody& body, const mjData* d) const;
+
+  // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
+  bool Near(const Lattice& lattice, const Vec3& xi, double error) const;
+
+  std::vector<uint8_t> holds;  // whether rows hold the control point            (k)
+  int first_vertex = 0;        // of the patch in Lattice::vertex
+  std::vector<int32_t> point;  // control points that move any of it             (p)
+  std::vector<double> mean;    // a_j                                            (p)
+  std::vector<Vec3> slope;     // g_j [1/m]                                      (p)
+  std::vector<Vec3> offset;    // x̄_j − p̄₀ [m]                                   (p)
+  std::vector<double> rest;    // largest |e_j|                                  (p)
+  Vec3 origin{};               // p̄₀ [m]
+  std::vector<uint8_t> steps;  // of each lattice node: to the nearest of the patch, in cells along the axes
+  Vec3 half{};                 // largest |p̄ − p̄₀| along each axis [m]
+};
+
+// A guess that is off by no more can rule a patch out.
+inline constexpr double kTrusted = 2;  // [cells]
+
+// A node of which the rows hold less weight than this belongs to another branch of the tree.
+inline constexpr double kHeld = 0.5;  // [-]
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_PATCH_VOLUME_H_

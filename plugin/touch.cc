@@ -1,0 +1,280 @@
+#include "touch.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "deformed.h"
+#include "soft.h"
+
+namespace mjframes {
+namespace {
+
+// What is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
+constexpr double kBlend = 1;  // [-]
+
+constexpr double kOutward = 0.5;  // [-] cosine to the surface's normal above which a contact pushes outwards
+constexpr int kSupportSteps = 4;  // from an ellipsoid's centre to its point nearest to the surface
+
+// A patch with its vertices where they are now.
+struct Skinned {
+  DeformedPatch deformed;
+  const double* vertices;
+  int n;
+  PatchPose pose;
+  double room;  // how far around the vertices and what is below them something may touch [m]
+
+  Vec3 Vertex(int s) const { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
+
+  // Signed distance of p; xi becomes the material point at p. own: only under this patch.
+  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
+    if (own && !pose.box.Holds(p, room)) return false;
+    *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
+    if (pose.error > kTrusted) {
+      *xi = deformed.VertexPoint(Nearest(p));
+    } else if (own && !deformed.Near(*xi, pose.error)) {
+      return false;
+    }
+    return deformed.Distance(p, own, xi, distance, normal);
+  }
+
+  int Nearest(const Vec3& p) const {
+    int nearest = 0;
+    double best = mjMAXVAL;
+    for (int s = 0; s < n; s++) {
+      const Vec3 offset = Vertex(s) - p;
+      const double square = Dot(offset, offset);
+      if (square < best) {
+        best = square;
+        nearest = s;
+      }
+    }
+    return nearest;
+  }
+};
+
+Skinned Skin(const DeformedPatch& deformed, const PatchPose& pose, double room, const mjData* d, double* out) {
+  SkinPatch(deformed.body(), deformed.patch(), d, out);
+  return {deformed, out, deformed.patch().vertices, pose, room};
+}
+
+// Turns the distances of a cluster into shares in its contact, which sum to 1: those that are `reach` above the deepest
+// have none. Returns the distance of the pressure centre; mjMAXVAL and no shares if nothing is near.
+double ShareOut(double* distance, int begin, int end, double reach) {
+  double deepest = mjMAXVAL;
+  for (int s = begin; s < end; s++) deepest = std::min(deepest, distance[s]);
+  if (deepest == mjMAXVAL) {
+    std::fill(distance + begin, distance + end, 0.0);
+    return mjMAXVAL;
+  }
+  double total = 0, mean = 0;
+  for (int s = begin; s < end; s++) {
+    const double share = std::max(0.0, 1 - (distance[s] - deepest) / reach);
+    mean += share * share * distance[s];
+    distance[s] = share * share;
+    total += distance[s];
+  }
+  for (int s = begin; s < end; s++) distance[s] /= total;
+  return mean / total;
+}
+
+// Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
+bool PushesOut(const Skinned& soft, const Touch& touch, const double* share) {
+  if (!soft.deformed.body().has_volume()) return false;
+  Vec3 xi{}, position, normal;
+  for (int s = touch.begin; s < touch.end; s++) {
+    if (share[s] > 0) xi = xi + share[s] * soft.deformed.VertexPoint(s);
+  }
+  return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
+}
+
+// The clusters of a patch against a rigid geom; normals point out of the geom. A vertex is a ball of the contact
+// radius.
+int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
+                Touch* out) {
+  const double radius = soft.deformed.body().contact_radius();
+  double* share = scratch->share[side];
+  int begin = 0, count = 0;
+  for (const int size : soft.deformed.patch().cluster) {
+    const int end = begin + size;
+    for (int s = begin; s < end; s++) share[s] = other.Distance(soft.Vertex(s)) - radius;
+    Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
+    for (int s = begin; s < end; s++) {
+      if (share[s] == 0) continue;
+      const Vec3 p = soft.Vertex(s);
+      touch.position = touch.position + share[s] * p;
+      touch.normal = touch.normal + share[s] * other.Normal(p);
+    }
+    begin = end;
+    // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
+    const double length = Norm(touch.normal);
+    if (!(length > mjMINVAL)) continue;
+    touch.normal = (1 / length) * touch.normal;
+    touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
+    if (touch.distance < margin && other.bounded() && PushesOut(soft, touch, share)) continue;
+    out[count++] = touch;
+  }
+  return count;
+}
+
+// The point of an ellipsoid at `centre` that is deepest in the soft body, down the surface's normal; the centre itself
+// where nothing of the patch is near.
+Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, const Skinned& soft) {
+  Vec3 p = centre, xi, normal;
+  double distance;
+  if (!soft.pose.box.Holds(centre, soft.room + m->geom_rbound[geom])) return centre;
+  if (!soft.Distance(centre, false, &xi, &distance, &normal)) normal = centre - soft.pose.box.centre;
+  for (int step = 0; step < kSupportSteps; step++) {
+    p = centre + Mul(axes, EllipsoidSupport(m->geom_size + 3 * geom, MulT(axes, -1 * normal)));
+    if (!soft.Distance(p, false, &xi, &distance, &normal)) break;
+  }
+  return p;
+}
+
+// The features of a geom that touch the patch; normals point out of the soft body.
+int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& soft, const Features& features,
+                   double margin, Touch* out) {
+  const mjtNum* origin = d->geom_xpos + 3 * geom;
+  Mat3 axes;
+  std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
+  const auto world = [&](const Vec3& local) { return Vec3{origin[0], origin[1], origin[2]} + Mul(axes, local); };
+  const double reach = kBlend * soft.deformed.body().contact_radius();
+  struct Near {
+    Vec3 p, xi, normal;
+  };
+  constexpr int kMost = 64;  // points of one cluster that count: the first ones of a mesh with more
+  Near near[kMost];
+  double share[kMost];
+  int count = 0;
+  for (size_t first = 0, last; first < features.points.size(); first = last) {
+    const int cluster = features.points[first].cluster;
+    int found = 0;
+    for (last = first; last < features.points.size() && features.points[last].cluster == cluster; last++) {
+      if (found == kMost) continue;
+      Near& candidate = near[found];
+      candidate.p = world(features.points[last].position);
+      if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
+      if (!soft.Distance(candidate.p, true, &candidate.xi, &share[found], &candidate.normal)) continue;
+      share[found] -= features.radius;
+      found++;
+    }
+    const double distance = ShareOut(share, 0, found, reach);
+    if (!(distance < margin)) continue;
+    Touch touch = {distance, {}, {}, -1, 0, 0, {}};
+    for (int i = 0; i < found; i++) {
+      touch.position = touch.position + share[i] * near[i].p;
+      touch.normal = touch.normal + share[i] * near[i].normal;
+      touch.xi = touch.xi + share[i] * near[i].xi;
+    }
+    const double length = Norm(touch.normal);
+    if (!(length > mjMINVAL)) continue;
+    touch.normal = (1 / length) * touch.normal;
+    touch.position = touch.position - (features.radius + 0.5 * distance) * touch.normal;
+    out[count++] = touch;
+  }
+  return count;
+}
+
+// The vertices of one patch that touch the other; normals point out of the other.
+int VertexTouches(const Skinned& mine, const Skinned& other, int side, double margin, TouchScratch* scratch,
+                  Touch* out) {
+  const double radius = mine.deformed.body().contact_radius();
+  double* share = scratch->share[side];
+  Vec3 normals[kMaxPatchVertices];
+  int begin = 0, count = 0;
+  for (const int size : mine.deformed.patch().cluster) {
+    const int end = begin + size;
+    for (int s = begin; s < end; s++) {
+      const Vec3 p = mine.Vertex(s);
+      const bool near = other.Distance(p, true, &scratch->xi[side][s], &share[s], &normals[s]);
+      share[s] = near ? share[s] - radius : mjMAXVAL;
+    }
+    Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
+    if (touch.distance < margin) {
+      for (int s = begin; s < end; s++) {
+        if (share[s] == 0) continue;
+        touch.position = touch.position + share[s] * mine.Vertex(s);
+        touch.normal = touch.normal + share[s] * normals[s];
+      }
+      const double length = Norm(touch.normal);
+      if (length > mjMINVAL) {
+        touch.normal = (1 / length) * touch.normal;
+        touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
+        out[count++] = touch;
+      }
+    }
+    begin = end;
+  }
+  return count;
+}
+
+}  // namespace
+
+int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
+                TouchScratch* scratch, Touch* out) {
+  if (side[0].body == side[1].body) return 0;
+  for (int s = 0; s < 2; s++) {
+    if (side[s].body && side[s].patch < 0) return 0;
+  }
+  // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
+  double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
+  if (side[0].body && side[1].body) {
+    if (!side[0].body->has_volume() || !side[1].body->has_volume()) return 0;
+    const DeformedPatch first(*side[0].body, side[0].patch, d), second(*side[1].body, side[1].patch, d);
+    const PatchPose pose[2] = {first.Pose(), second.Pose()};
+    room += first.body().contact_radius() + second.body().contact_radius();
+    if (pose[0].box.Apart(pose[1].box, room)) return 0;
+    const Skinned mine = Skin(first, pose[0], room, d, scratch->skinned[0]);
+    const Skinned other = Skin(second, pose[1], room, d, scratch->skinned[1]);
+    int count = VertexTouches(mine, other, 0, margin, scratch, out);
+    for (int i = 0; i < count; i++) out[i].normal = -1 * out[i].normal;
+    return count + VertexTouches(other, mine, 1, margin, scratch, out + count);
+  }
+  const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
+  const SoftBody& body = *side[s].body;
+  const double reach = std::max(0.0, margin) + (1 + kBlend) * body.contact_radius();
+  const GeomQuery query(m, d, body.hulls(), rigid, reach);
+  if (!query.valid) return 0;
+  const DeformedPatch deformed(body, side[s].patch, d);
+  if (!body.has_volume()) {
+    const Skinned soft = Skin(deformed, {}, room, d, scratch->skinned[s]);
+    const int count = GeomTouches(soft, s, query, margin, scratch, out);
+    for (int i = 0; i < count; i++) out[i].normal = (s == 0 ? -1 : 1) * out[i].normal;
+    return count;
+  }
+  const PatchPose pose = deformed.Pose();
+  if (query.LowerBound(pose.box) > reach) return 0;
+  const Features& features = body.features()[rigid];
+  const Skinned soft = Skin(deformed, pose, room + body.contact_radius() + features.radius, d, scratch->skinned[s]);
+  int count = GeomTouches(soft, s, query, margin, scratch, out);
+  const int vertices = count;
+  count += FeatureTouches(m, d, rigid, soft, features, margin, out + count);
+  // those of features point out of the soft body, the others into it
+  for (int i = 0; i < count; i++) {
+    if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;
+  }
+  return count;
+}
+
+void AddTouchWeights(const mjData* d, const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s,
+                     double* weight) {
+  const DeformedPatch deformed(*side[s].body, side[s].patch, d);
+  if (touch.side < 0) {
+    Vec3 xi = touch.xi;
+    deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);
+    return;
+  }
+  for (int v = touch.begin; v < touch.end; v++) {
+    const double share = scratch.share[touch.side][v];
+    if (share == 0) continue;
+    if (s != touch.side) {
+      deformed.AddWeights(scratch.xi[touch.side][v], share, weight);
+      continue;
+    }
+    const Patch& patch = deformed.patch();
+    for (size_t a = 0; a < patch.point.size(); a++) {
+      weight[patch.point[a]] += share * patch.weight[a * patch.vertices + v];
+    }
+  }
+}
+
+}  // namespace mjframes

@@ -1,0 +1,59 @@
+// Where a patch touches another geom.
+//
+// Three kinds of points touch: the contact vertices of a patch a rigid geom, those of two patches of different soft
+// bodies the other's deformed volume, and sharp features of a rigid geom (geom_features.h) the deformed volume
+// (deformed.h). What touches within one cluster and is nearly as deep as its deepest point shares one contact.
+//
+// A row acts on a deformed volume through the weights of the material point that is at the contact, so that both sides
+// feel the same force at the same place and neither momentum nor angular momentum is made.
+
+#ifndef MJFRAMES_PLUGIN_TOUCH_H_
+#define MJFRAMES_PLUGIN_TOUCH_H_
+
+#include <mujoco/mujoco.h>
+
+#include "contact.h"
+#include "geom_features.h"
+#include "linear.h"
+
+namespace mjframes {
+
+class SoftBody;
+
+// A patch and the soft body it belongs to; body is null for other geoms.
+struct SoftSide {
+  const SoftBody* body = nullptr;
+  int patch = -1;  // number among the body's patches
+};
+
+struct Touch {
+  double distance;  // [m], negative inside
+  Vec3 position;    // half way between the surfaces [m]
+  Vec3 normal;      // from the first geom to the second
+  int side;         // of the vertices that touch, or −1 where features do
+  int begin, end;   // those vertices
+  Vec3 xi;          // material point near the feature
+};
+
+inline constexpr int kMaxTouches =
+    kMaxClusters + (kMaxFeatureClusters > kMaxClusters ? kMaxFeatureClusters : kMaxClusters);
+
+// Of one pair of geoms, by side.
+struct TouchScratch {
+  double skinned[2][3 * kMaxPatchVertices];  // vertices [m]
+  double share[2][kMaxPatchVertices];        // of each vertex in its cluster's contact
+  Vec3 xi[2][kMaxPatchVertices];             // material points of the other side where the vertices are
+};
+
+// Where the two geoms touch, or would: in a fixed order, none of features or vertices of two patches farther than
+// `margin`. Nothing if the two sides are the same soft body.
+int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
+                TouchScratch* scratch, Touch* out);
+
+// weight[j] += weight of control point j of the soft body on side s in the velocity of the touching point.
+void AddTouchWeights(const mjData* d, const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s,
+                     double* weight);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_TOUCH_H_
