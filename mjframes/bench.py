@@ -51,6 +51,12 @@ STEP_NOTE = f"""\
 {BODIES}: the same bodies without the plugin, falling freely; what "{AIR}" is divided by.
 The paper's frames a second include drawing, on a processor of 2.67 GHz of its time."""
 
+LAWS = ("corotational", "neo_hookean")
+COST_NOTE = f"""\
+elasticity: "{AIR}" less "{BODIES}", with the second inertia and factorization that it takes.
+× MuJoCo's: "{SOFT}" over "{SPHERES}", whose contacts are of one body each and found at once.
+× without elasticity: "{SOFT}" over the same less its elasticity: the same contacts of the same skin."""
+
 LARGE_NOTE = """\
 The faster of two runs, each in a process of its own, with the kernels compiled. Processor seconds: of all threads.
 Bytes a cell: by how much the process grew, over the cells of the grid."""
@@ -83,6 +89,34 @@ class Speed:
     contacts: float
     iterations: float
     step: float
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of a law: mean number of its points a region (none for the corotational one), and its four models' steps."""
+
+    law: str
+    points: float
+    speeds: tuple[Speed, ...]
+
+    def step(self, name: str) -> float:
+        """[s]"""
+        return next(speed.step for speed in self.speeds if speed.name == name)
+
+    @property
+    def elasticity(self) -> float:
+        """[s]"""
+        return self.step(AIR) - self.step(BODIES)
+
+    @property
+    def over_bodies(self) -> float:
+        """With contacts, over the bodies alone with as many [-]."""
+        return self.step(SOFT) / self.step(SPHERES)
+
+    @property
+    def over_no_elasticity(self) -> float:
+        """With contacts, over the same step without the elasticity's part [-]."""
+        return self.step(SOFT) / (self.step(SOFT) - self.elasticity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +165,9 @@ def main() -> None:
     profiles = {run.size: profile(run, STEPS) for run in runs if run.name == SOFT}
     _show(console, profile_table(profiles), PROFILE_NOTE)
 
+    costs = [measure_cost(volume, next(iter(PAPER)), law, ROUNDS, STEPS) for law in LAWS]
+    _show(console, cost_table(costs), COST_NOTE)
+
     with tempfile.TemporaryDirectory() as folder:
         large = list(measure(standard_jobs(folder)))
     _show(console, large_table(large), LARGE_NOTE)
@@ -143,6 +180,8 @@ def main() -> None:
     rows += [("contacts", *s.size, s.name, s.contacts, "1") for s in speeds]
     rows += [("iterations", *s.size, s.name, s.iterations, "1") for s in speeds]
     rows += [("share", *size, part, share, "1") for size, parts in profiles.items() for part, share in parts.items()]
+    rows += [("cost", *cost.speeds[0].size, cost.law, cost.over_bodies, "1") for cost in costs]
+    rows += [("elasticity", *cost.speeds[0].size, cost.law, cost.over_no_elasticity, "1") for cost in costs]
     rows += [("paper", *size, "initialization", seconds, "s") for size, (seconds, _) in PAPER.items()]
     rows += [("paper", *size, "frames a second", rate, "1/s") for size, (_, rate) in PAPER.items()]
     with replacing(OUTPUT, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
@@ -234,6 +273,13 @@ def measure_steps(runs: Sequence[Run], rounds: int, steps: int) -> tuple[Speed, 
     )
 
 
+def measure_cost(volume: Volume, size: Size, law: str, rounds: int, steps: int) -> Cost:
+    """The four models of a size with elasticity of that law."""
+    body = build(volume, *size, law=law)
+    points = float(np.mean([len(some) for some in body.quadrature.volume])) if body.quadrature else 0.0
+    return Cost(law, points, measure_steps(prepare_runs(body, volume, size, steps), rounds, steps))
+
+
 def profile(run: Run, steps: int) -> dict[str, float]:
     """Which share of a step each part takes, by MuJoCo's own timers."""
     timer = mujoco.mjtTimer
@@ -294,6 +340,22 @@ def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
     table = _table(f"Where the step of {SOFT} goes, percent", *map(_label, profiles))
     for part in PARTS:
         table.add_row(part, *(f"{100 * shares[part]:.0f}" for shares in profiles.values()))
+    return table
+
+
+def cost_table(costs: Sequence[Cost]) -> Table:
+    """What elasticity adds to the same bodies, one row a law."""
+    columns = ("points a region", "µs, contact", "elasticity, µs", "× MuJoCo's", "× without elasticity")
+    table = _table(f"Cost over the bodies alone, {_label(costs[0].speeds[0].size)}", *columns)
+    for cost in costs:
+        table.add_row(
+            cost.law,
+            f"{cost.points:.1f}" if cost.points else "",
+            f"{cost.step(SOFT) * 1e6:.1f}",
+            f"{cost.elasticity * 1e6:.1f}",
+            f"{cost.over_bodies:.1f}",
+            f"{cost.over_no_elasticity:.2f}",
+        )
     return table
 
 

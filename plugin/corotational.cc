@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "lanes.h"
 #include "multiversion.h"
 #include "rotation.h"
 
@@ -13,51 +14,43 @@ namespace {
 // rotation fitted to the shape takes over, weighted by λ = (kSoftTwist − h_min) / kSoftTwist; at rest h_min = 2.
 constexpr double kSoftTwist = 0.1;  // [-]
 
-// product = K rhs for four right-hand sides at once; K symmetric, n rows.
+// product = K rhs for four right-hand sides at once; K symmetric, its rows and all columns padded to `padded`.
 MJFRAMES_MULTIVERSION
-void MultiplyFour(const double* __restrict K, const double* __restrict rhs, double* __restrict product, int n) {
-  std::fill(product, product + 4 * n, 0.0);
-  double* __restrict p0 = product;
-  double* __restrict p1 = product + n;
-  double* __restrict p2 = product + 2 * n;
-  double* __restrict p3 = product + 3 * n;
-  for (int i = 0; i < n; i++) {
-    const double* __restrict row = K + static_cast<size_t>(i) * n;
-    const double a = rhs[i], b = rhs[n + i], c = rhs[2 * n + i], d = rhs[3 * n + i];
-    for (int j = 0; j < n; j++) {
-      const double k = row[j];
-      p0[j] += k * a;
-      p1[j] += k * b;
-      p2[j] += k * c;
-      p3[j] += k * d;
+void MultiplyFour(const double* __restrict K, const double* __restrict rhs, double* __restrict product, int n,
+                  int padded) {
+  for (int j = 0; j < padded; j += kLanes) {
+    Lanes sum[4] = {Fill(0), Fill(0), Fill(0), Fill(0)};
+    for (int i = 0; i < n; i++) {
+      const Lanes k = Load(K + static_cast<size_t>(i) * padded + j);
+      for (int c = 0; c < 4; c++) sum[c] += k * rhs[c * padded + i];
     }
+    for (int c = 0; c < 4; c++) Store(sum[c], product + c * padded + j);
   }
 }
 
-// One row of blocks: out = R (K_jk − V_j N_k − N_jᵀ V_kᵀ) Rᵀ for k = 0 … count − 1.
+// One row of blocks: out += R (K_jk − V_j N_k − N_jᵀ V_kᵀ) Rᵀ for k = 0 … stride − 1, of which those after j are void.
 MJFRAMES_MULTIVERSION
 void ProjectRow(const double* __restrict K, const double* __restrict N, const double* __restrict V,
                 const double* __restrict Nj, const double* __restrict Vj, const double* __restrict R,
-                double* __restrict out, int count, int stride, int padded) {
-  for (int k = 0; k < count; k++) {
-    double b[9], c[9];
+                double* __restrict out, int stride, int padded) {
+  for (int k = 0; k < stride; k += kLanes) {
+    Lanes b[9];
     for (int r = 0; r < 3; r++) {
       for (int s = 0; s < 3; s++) {
-        double sum = K[(3 * r + s) * stride + k];
+        Lanes sum = Load(K + (3 * r + s) * stride + k);
         for (int t = 0; t < 3; t++) {
-          sum -= Vj[3 * r + t] * N[(3 * t + s) * padded + k] + Nj[3 * t + r] * V[(3 * s + t) * padded + k];
+          sum -=
+              Vj[3 * r + t] * Load(N + (3 * t + s) * padded + k) + Nj[3 * t + r] * Load(V + (3 * s + t) * padded + k);
         }
         b[3 * r + s] = sum;
       }
     }
     for (int r = 0; r < 3; r++) {
+      Lanes c[3];
+      for (int s = 0; s < 3; s++) c[s] = R[3 * r] * b[s] + R[3 * r + 1] * b[3 + s] + R[3 * r + 2] * b[6 + s];
       for (int s = 0; s < 3; s++) {
-        c[3 * r + s] = R[3 * r] * b[s] + R[3 * r + 1] * b[3 + s] + R[3 * r + 2] * b[6 + s];
-      }
-    }
-    for (int r = 0; r < 3; r++) {
-      for (int s = 0; s < 3; s++) {
-        out[(3 * r + s) * stride + k] = c[3 * r] * R[3 * s] + c[3 * r + 1] * R[3 * s + 1] + c[3 * r + 2] * R[3 * s + 2];
+        double* target = out + (3 * r + s) * stride + k;
+        Store(Load(target) + (c[0] * R[3 * s] + c[1] * R[3 * s + 1] + c[2] * R[3 * s + 2]), target);
       }
     }
   }
@@ -87,17 +80,32 @@ Mat3 PseudoInverse(const Mat3& A) {
 
 int Padded(int m) { return BlockStride(m - 1); }
 
+// To the pairs of points, from the layout of Region::blocks.
+void AddBlocks(const Region& region, const double* blocks, double* stiffness, double* held) {
+  const int32_t* pair = region.pair.data();
+  for (int j = 0; j < region.size(); j++) {
+    const int stride = BlockStride(j);
+    const double* row = blocks + BlockOffset(j);
+    for (int k = 0; k <= j; k++) {
+      const size_t target = 9 * static_cast<size_t>(*pair++);
+      for (int e = 0; e < 9; e++) stiffness[target + e] += row[e * stride + k];
+      if (!held) continue;
+      for (int e = 0; e < 9; e++) held[target + e] += region.enlargement * row[e * stride + k];
+    }
+  }
+}
+
 }  // namespace
 
 int BlockOffset(int j) {
-  // rows come in groups of kLane with the same stride
-  const int group = j / kLane, rest = j % kLane;
-  return 9 * (kLane * kLane * group * (group + 1) / 2 + rest * BlockStride(j));
+  // rows come in groups of kLanes with the same stride
+  const int group = j / kLanes, rest = j % kLanes;
+  return 9 * (kLanes * kLanes * group * (group + 1) / 2 + rest * BlockStride(j));
 }
 
 RegionScratch::RegionScratch(int max_points)
-    : rhs(12 * max_points),
-      product(12 * max_points),
+    : rhs(4 * PadToLanes(3 * max_points)),
+      product(4 * PadToLanes(3 * max_points)),
       z(max_points),
       h(max_points),
       n(9 * Padded(std::max(1, max_points))),
@@ -136,7 +144,7 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, RegionSc
 void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch* scratch, Vec3* force,
                double* stiffness, double* held) {
   const int m = region.size();
-  const int n = 3 * m;
+  const int n = PadToLanes(3 * m);
 
   // z = Rᵀ x centred: positions far from the origin would cost digits, translations carry no energy
   Vec3 mean{};
@@ -153,7 +161,7 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
   S[1] = S[3] = 0.5 * (S[1] + S[3]);
   S[2] = S[6] = 0.5 * (S[2] + S[6]);
   S[5] = S[7] = 0.5 * (S[5] + S[7]);
-  const double lambda = std::max(0.0, kSoftTwist - SmallestTwist(S)) / kSoftTwist;
+  const double lambda = TwistExceeds(S, kSoftTwist) ? 0 : std::max(0.0, kSoftTwist - SmallestTwist(S)) / kSoftTwist;
 
   // A_j = [h_j]×, h_j = ḡ_j + 2 λ z_j / Σ|x̄|²;   A Z = Σ_j (h_j·z_j) I − z_j h_jᵀ
   Vec3* h = scratch->h.data();
@@ -178,7 +186,7 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
       for (int r = 0; r < 3; r++) rhs[(1 + c) * n + 3 * j + r] = Zj[3 * r + c];
     }
   }
-  MultiplyFour(region.stiffness.data(), rhs, product, n);
+  MultiplyFour(region.stiffness.data(), rhs, product, 3 * m, n);
 
   // f_j = −R (w_j + h_j × s), w = K_e y, s = (A Z)⁻ᵀ Zᵀ w
   Vec3 torque{};
@@ -215,24 +223,17 @@ void AddRegion(const Region& region, const Vec3* x, const Mat3& R, RegionScratch
     }
   }
   double* blocks = scratch->blocks.data();
-  const int32_t* pair = region.pair.data();
+  if (region.starts) std::fill_n(blocks, BlockOffset(m), 0.0);
   for (int j = 0; j < m; j++) {
     double Nj[9], Vj[9];
     for (int e = 0; e < 9; e++) {
       Nj[e] = N[e * padded + j];
       Vj[e] = V[e * padded + j];
     }
-    const int stride = BlockStride(j);
-    const double* row = region.blocks.data() + BlockOffset(j);
-    double* out = blocks + BlockOffset(j);
-    ProjectRow(row, N, V, Nj, Vj, R.data(), out, j + 1, stride, padded);
-    for (int k = 0; k <= j; k++) {
-      const size_t target = 9 * static_cast<size_t>(*pair++);
-      for (int e = 0; e < 9; e++) stiffness[target + e] += out[e * stride + k];
-      if (!held) continue;
-      for (int e = 0; e < 9; e++) held[target + e] += region.enlargement * out[e * stride + k];
-    }
+    const int at = BlockOffset(j);
+    ProjectRow(region.blocks.data() + at, N, V, Nj, Vj, R.data(), blocks + at, BlockStride(j), padded);
   }
+  if (region.ends) AddBlocks(region, blocks, stiffness, held);
 }
 
 }  // namespace mjframes

@@ -107,6 +107,13 @@ Mat3 ClosestRotation(const Mat3& F, const Mat3& guess) {
   return Refine(F, scale, &refined) ? refined : R;
 }
 
+bool TwistExceeds(const Mat3& S, double bound) {
+  // H − bound I is positive definite: its leading minors are positive
+  const double trace = S[0] + S[4] + S[8] - bound;
+  const Mat3 H = {trace - S[0], -S[1], -S[2], -S[3], trace - S[4], -S[5], -S[6], -S[7], trace - S[8]};
+  return H[0] > 0 && H[0] * H[4] - H[1] * H[3] > 0 && Det(H) > 0;
+}
+
 double SmallestTwist(const Mat3& S) {
   // tr(S) minus the largest eigenvalue of S, by the trigonometric formula for symmetric 3×3 matrices
   const double mean = (S[0] + S[4] + S[8]) / 3;

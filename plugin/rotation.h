@@ -16,6 +16,9 @@ Mat3 ClosestRotation(const Mat3& F, const Mat3& guess);
 // Smallest eigenvalue of H = tr(S) I − S for the symmetric S (row major): how firmly F determines R.
 double SmallestTwist(const Mat3& S);
 
+// Whether that is larger than `bound`, which takes no trigonometry.
+bool TwistExceeds(const Mat3& S, double bound);
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_ROTATION_H_

@@ -132,10 +132,11 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
       extent += Dot(region.rest[j], region.rest[j]);
     }
     region.inverse_extent = 1 / std::max(extent, mjMINVAL);
-    region.stiffness.resize(n * n);
+    const size_t stride = PadToLanes(static_cast<int>(n));
+    region.stiffness.assign(n * stride, 0.0);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {
-        region.stiffness[row * n + col] = region.stiffness[col * n + row] = stiffness[s++];
+        region.stiffness[row * stride + col] = region.stiffness[col * stride + row] = stiffness[s++];
       }
     }
     region.blocks.assign(BlockOffset(m), 0.0);
@@ -143,12 +144,17 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
       for (int k = 0; k <= j; k++) {
         for (int e = 0; e < 9; e++) {
           region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
-              region.stiffness[(3 * j + e / 3) * n + 3 * k + e % 3];
+              region.stiffness[(3 * j + e / 3) * stride + 3 * k + e % 3];
         }
       }
     }
     p += m;
     regions.push_back(std::move(region));
+  }
+  std::stable_sort(regions.begin(), regions.end(), [](const Region& a, const Region& b) { return a.point < b.point; });
+  for (size_t e = 0; e < regions.size(); e++) {
+    regions[e].starts = e == 0 || regions[e].point != regions[e - 1].point;
+    regions[e].ends = e + 1 == regions.size() || regions[e].point != regions[e + 1].point;
   }
   return regions;
 }

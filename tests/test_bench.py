@@ -78,6 +78,16 @@ def test_shares_of_a_step_add_up(runs: dict[str, bench.Run]) -> None:
     assert sum(shares.values()) == pytest.approx(1)
 
 
+def test_costs_of_a_law_compare_the_same_contacts(slab: Volume) -> None:
+    cost = bench.measure_cost(slab, SIZE, "neo_hookean", rounds=1, steps=STEPS)
+    assert cost.points >= 1
+    with_contact = {speed.name: speed.contacts for speed in cost.speeds}
+    assert with_contact[bench.SPHERES] == pytest.approx(with_contact[bench.SOFT], abs=0.5)
+    plain = cost.step(bench.SOFT) - cost.step(bench.AIR) + cost.step(bench.BODIES)
+    assert cost.over_no_elasticity == pytest.approx(cost.step(bench.SOFT) / plain)
+    assert cost.over_bodies == pytest.approx(cost.step(bench.SOFT) / cost.step(bench.SPHERES))
+
+
 def test_main_prints_tables_and_writes_every_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,11 +100,12 @@ def test_main_prints_tables_and_writes_every_number(
     printed = capsys.readouterr().out
     assert "67021 voxels" in printed
     assert "3 frames, 10 samples, 36 degrees of freedom" in printed
+    assert "Cost over the bodies alone, 3 frames, 10 samples" in printed
     assert "\x1b" not in printed
     with (tmp_path / bench.OUTPUT).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["table"] for row in rows} == {
-        "machine", "build", "large", "memory", "step", "contacts", "iterations", "share", "paper",
+        "machine", "build", "large", "memory", "step", "contacts", "iterations", "share", "cost", "elasticity", "paper",
     }  # fmt: skip
     assert all(float(row["value"]) > 0 for row in rows if row["table"] in ("build", "large", "step", "share", "paper"))
     steps = [row["row"] for row in rows if row["table"] == "step"]

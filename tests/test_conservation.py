@@ -1,0 +1,76 @@
+"""Rigid motions are free of force; free flight keeps what it should, to rounding or with the integrator's order."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import in_space, move_points
+from scipy.spatial.transform import Rotation
+
+from examples import flight
+from mjframes.view import soft
+
+HALF_TURNS = np.pi * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0.8, 0], [0.6, 0, -0.8]])
+ORDERS = {"Euler": 1, "RK4": 4}
+
+
+@pytest.mark.parametrize("law", flight.LAWS)
+def test_rigid_motions_are_free_of_force(law: str) -> None:
+    model, data = in_space(flight.bar(law))
+    view = soft(model, data, "soft0")
+    mujoco.mj_forward(model, data)
+    x = view.control_positions
+    firmness = max(np.abs(region.response(x[region.points])[1]).max() for region in view.regions)
+    for turn in [*Rotation.from_rotvec(HALF_TURNS), *Rotation.random(50, rng=np.random.default_rng(0))]:
+        move_points(model, data, view, x @ turn.as_matrix().T + [2, -1, 3])
+        mujoco.mj_forward(model, data)
+        force = np.abs(data.qfrc_passive).max()
+        assert force < 1e-10  # [N]
+        assert force < 1e-12 * firmness * np.ptp(x)  # of what it takes to move a point as far as the body is long
+
+
+@cache
+def flown(law: str, integrator: str, frame_type: str = "affine") -> flight.Flight:
+    return flight.fly(law, integrator, frame_type)
+
+
+@pytest.mark.parametrize("integrator", ORDERS)
+@pytest.mark.parametrize("law", flight.LAWS)
+def test_free_flight_keeps_linear_momentum(law: str, integrator: str) -> None:
+    assert flown(law, integrator).momentum.max() < 1e-12
+
+
+@pytest.mark.parametrize("law", flight.LAWS)
+def test_euler_converges_with_order_1_and_keeps_angular_momentum(law: str) -> None:
+    found = flown(law, "Euler")
+    assert found.order(found.energy) == pytest.approx(1, abs=0.03)
+    assert found.energy[-1] < 1e-5
+    assert found.spin.max() < 1e-12
+
+
+@pytest.mark.parametrize("law", flight.LAWS)
+def test_rk4_converges_with_order_4(law: str) -> None:
+    found = flown(law, "RK4")
+    assert found.order(found.spin) == pytest.approx(4, abs=0.1)
+    # energy gains an order: with λ = iω, |Σ_n≤4 (λh)ⁿ/n!|² = 1 − (ωh)⁶/72 in a step, h⁵ in a time
+    assert 3.9 < found.order(found.energy) < 5.2
+    assert found.energy[-1] < 1e-11
+
+
+@pytest.mark.parametrize(("integrator", "order"), [("Euler", 1), ("RK4", 2)])
+def test_rigid_frames_are_limited_by_how_balls_are_integrated(integrator: str, order: int) -> None:
+    """MuJoCo adds the rotations of RK4's stages as vectors, which is right to second order."""
+    found = flown("corotational", integrator, "rigid")
+    for errors in (found.energy, found.spin):
+        assert found.order(errors) == pytest.approx(order, abs=0.05)
+
+
+def test_the_example_draws_all_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flight, "fly", flown)
+    flights = flight.run(tmp_path)
+    assert len(flights) == len(flight.LAWS) * len(ORDERS)
+    assert (tmp_path / "flight.png").stat().st_size > 40_000
