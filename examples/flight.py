@@ -3,7 +3,8 @@
 In explicit mode MuJoCo integrates the elastic forces −∂W/∂x as they are. They have no resultant and no moment, so
 linear momentum is kept to rounding; energy converges with the integrator's order, 1 for Euler and 4 for RK4, and so
 does angular momentum. Where frames are affine, Euler keeps that one to rounding too: v⁺ = v + h M⁻¹ f, x⁺ = x + h v⁺
-gives Σ m x⁺ × v⁺ = Σ m x × v. Rigid frames have ball joints: there all three converge, with order 1, and 2 for RK4.
+gives Σ m x⁺ × v⁺ = Σ m x × v. Rigid frames have ball joints: there all three converge, with order 1; for RK4
+2, and 4 since MuJoCo 4.
 Run `python examples/flight.py --out out`; it needs matplotlib (`pip install "mjframes[plot]"`).
 """
 
