@@ -5,8 +5,9 @@
     ε = sym(Σ_j y_j ∇W_jᵀ), y_j = Rᵀ x_j − x̄_j           corotational strain, R of the point's region
     ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
 
-W_j are those that move the surfaces; ∇w_i is that of the nearest voxel. Where a region is relaxed, its material has
-adapted within it to be softer than this: what relaxation takes is not added back, and ψ is an upper bound of its mean.
+W_j are those that move the surfaces; ∇w_i is that of the nearest voxel, inside its region. Where a region is relaxed,
+its material has adapted within it to be softer than this: what relaxation takes is not added back, and ψ is an upper
+bound of its mean.
 Index letters: n material point; j control point; r, s rows; a, b columns. The plugin's sensors compute the same.
 """
 
@@ -149,7 +150,7 @@ def _group(
     points = body.stiffness.points[region]
     frames = body.control.frame[points]
     frames = frames[np.sort(np.unique(frames, return_index=True)[1])]
-    slope = weight_gradients(grid, body.fields.weights, nearest, frames)
+    slope = weight_gradients(grid, body.fields.weights, nearest, frames, body.fields.region)
     gradient = product_rule(body.control, frames, weights[:, frames].toarray(), slope, at)[1]
     if not any(body.types[i] == "point" for i in frames):
         gradient = shows_rotations(gradient, rest[points])

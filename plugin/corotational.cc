@@ -135,7 +135,7 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, RegionSc
   }
   double energy = 0;
   for (int row = 0; row < 3 * m; row++) {
-    const double* stiffness = region.stiffness.data() + static_cast<size_t>(row) * 3 * m;
+    const double* stiffness = region.stiffness.data() + static_cast<size_t>(row) * PadToLanes(3 * m);
     for (int column = 0; column < 3 * m; column++) energy += 0.5 * y[row] * stiffness[column] * y[column];
   }
   return energy;

@@ -26,6 +26,7 @@ struct Region {
   std::vector<int32_t> pair;      // pair of points of each block (j, k ≤ j)                        (m(m+1)/2)
   double inverse_extent;          // 1 / Σ_j |x̄_j|² [1/m²]
   double enlargement;             // of its stiffness where d->M cannot hold all of it, else 1 [-]
+  int number;                     // in the configuration, which is not their order here
   bool starts, ends;  // a run of regions with the same points: their blocks are summed before they are added
 
   int size() const { return static_cast<int>(point.size()); }

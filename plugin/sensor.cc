@@ -141,7 +141,7 @@ PointState Sensor::StateOf(const SoftBody& body, size_t n) {
     QuadratureStates(quadrature_[n], x.data(), scratch_.get(), &state);
     return state;
   }
-  const Region& region = body.regions()[sample.region];
+  const Region& region = body.FindRegion(sample.region);
   const int m = region.size();
   const Mat3 R = RegionRotation(region, x.data(), kIdentity);
   Vec3 mean{};

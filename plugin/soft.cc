@@ -120,6 +120,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
       return {};
     }
     Region region;
+    region.number = static_cast<int>(regions.size());
     region.point = coupling.point;
     region.pair = coupling.pair;
     region.enlargement = enlargement[regions.size()];
@@ -461,6 +462,10 @@ void SoftBody::AddDamping(double rate) {
     force_[j] = force_[j] - Mul(C, v[k]);
     if (j != k) force_[k] = force_[k] - MulT(C, v[j]);
   }
+}
+
+const Region& SoftBody::FindRegion(int number) const {
+  return *std::find_if(regions_.begin(), regions_.end(), [number](const Region& r) { return r.number == number; });
 }
 
 double SoftBody::ElasticEnergy() {

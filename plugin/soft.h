@@ -58,7 +58,8 @@ class SoftBody {
   const Lattice& lattice() const { return lattice_; }
   const Hulls& hulls() const { return hulls_; }
   const std::vector<Features>& features() const { return features_; }
-  const std::vector<Region>& regions() const { return regions_; }
+  // The region of this number in the configuration, which has to be there; of the corotational law.
+  const Region& FindRegion(int number) const;
 
  private:
   SoftBody() = default;
