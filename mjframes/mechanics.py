@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TINY = 1e-15  # [m²] of a region that one point moves
-SINGULAR = 1e-10  # [-] of A Z
+SINGULAR = 1e-8  # [-] of A Z
 SOFT_TWIST = 0.1  # [-] h_min below which a rotation fitted to the shape takes over; 2 at rest (plugin/corotational.cc)
 
 

@@ -56,11 +56,14 @@ void ProjectRow(const double* __restrict K, const double* __restrict N, const do
   }
 }
 
-constexpr double kSingular = 1e-12;  // [-] of A Z, which is about 1 at rest
+// [-] of A Z. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
+constexpr double kSingular = 1e-8;
 
 // A⁻¹; where A has rank two, as s (I − u uᵀ) for points along u, its pseudo-inverse; zero for less.
 Mat3 PseudoInverse(const Mat3& A) {
-  if (std::abs(Det(A)) > kSingular) return Inverse(A);
+  double size = 0;
+  for (const double a : A) size = std::max(size, std::abs(a));
+  if (std::abs(Det(A)) > kSingular * size * size * size) return Inverse(A);
   const Vec3 row[3] = {{A[0], A[1], A[2]}, {A[3], A[4], A[5]}, {A[6], A[7], A[8]}};
   Vec3 axis{};
   for (int r = 0; r < 3; r++) {
@@ -68,13 +71,13 @@ Mat3 PseudoInverse(const Mat3& A) {
     if (Dot(normal, normal) > Dot(axis, axis)) axis = normal;
   }
   const double length = Norm(axis);
-  if (!(length > kSingular)) return {};
+  if (!(length > kSingular * size * size)) return {};
   axis = (1 / length) * axis;
   Mat3 filled = A;
-  for (int e = 0; e < 9; e++) filled[e] += axis[e / 3] * axis[e % 3];
-  if (std::abs(Det(filled)) < kSingular) return {};
+  for (int e = 0; e < 9; e++) filled[e] += size * axis[e / 3] * axis[e % 3];
+  if (std::abs(Det(filled)) < kSingular * size * size * size) return {};
   Mat3 inverse = Inverse(filled);
-  for (int e = 0; e < 9; e++) inverse[e] -= axis[e / 3] * axis[e % 3];
+  for (int e = 0; e < 9; e++) inverse[e] -= axis[e / 3] * axis[e % 3] / size;
   return inverse;
 }
 

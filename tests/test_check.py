@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from mjframes import check
 from mjframes.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, LENGTH, Case, Kind, body
-from mjframes.check.reasons import DEEP, OTHER, POINT, SLOW, STIFF, reason
+from mjframes.check.reasons import DEEP, OTHER, SLOW, STIFF, reason
 from mjframes.check.report import failures, table
 from mjframes.check.trial import Outcome, run, shape_error
 from mjframes.cli import main
@@ -50,6 +50,13 @@ def test_a_stiffness_of_one_to_a_billion_in_one_body() -> None:
         assert some.gain < 1.001, some
 
 
+def test_point_frames_on_a_line_return_from_any_shape() -> None:
+    # while A Z counted as regular down to 1e-12, turns about the line were made of rounding: 1e12 and reset
+    for some in outcomes(["point frames"], [1e3, 1e9], [2e-3, 1 / 30], ("scrambled", "stretched 10×", "flattened")):
+        assert some.recovers, some
+        assert some.gain < 1.001, some
+
+
 def test_impacts_and_weights_give_no_motion() -> None:
     for some in outcomes(["corotational", "neo-hookean"], [1e6, 1e12], [2e-3, 1 / 30], (IMPACT, HEAVY)):
         assert some.recovers, some
@@ -72,8 +79,7 @@ def test_reasons() -> None:
     case = Case(COROTATIONAL, 1e6, 2e-3, IMPACT)
     lost = Outcome(case, False, np.inf, np.inf, np.inf, False, "BADQACC")
     assert reason(lost) == DEEP
-    assert reason(replace(lost, case=replace(case, young=1e12, timestep=1 / 30))) == STIFF
-    assert reason(replace(lost, case=replace(case, kind=BY_NAME["point frames"]))) == POINT
+    assert reason(replace(lost, case=replace(case, young=1e12, timestep=1 / 30, disturbance=HEAVY))) == STIFF
     stays = Outcome(case, True, 1, 1, 0.5, True, "")
     assert (reason(stays), reason(replace(stays, balanced=False))) == (OTHER, SLOW)
     assert failures([stays, replace(stays, error=0.0)]) == [f"1 run: {OTHER} (corotational: {IMPACT}, 1e+06 Pa, 2 ms)"]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from mjframes.check.cases import DENSITY, FRAMES, IMPACT, LENGTH, Case
 from mjframes.check.trial import IMPACT_SPEED, Outcome
 
+LENGTHS = 10  # of the bar that an impact may go in a step
 DIGITS = 1e9  # [-] h²K/m above which the rigid motion has lost seven of sixteen digits
 
-POINT = "point frames cannot turn, and where their few points come to lie on a line or pass through each other no \
-rotation of the region is determined: they are for small rotations"
 STIFF = "h²K/m is above 1e9, so that M + h²K holds few digits of M: the pivots of its LᵀDL that belong to rigid \
 motions are differences of numbers that much larger"
 DEEP = f"at {IMPACT_SPEED:.0f} m/s the bar is many of its lengths deep in the floor when a step first finds the \
@@ -22,13 +21,11 @@ UNKNOWN = "unexplained"
 def reason(outcome: Outcome) -> str:
     """One sentence."""
     case = outcome.case
-    if case.kind.frames == "point":
-        return POINT
     if outcome.survives:
         return OTHER if outcome.balanced else SLOW
-    if stiffness_ratio(case) > DIGITS:
-        return STIFF
-    return DEEP if case.disturbance == IMPACT else UNKNOWN
+    if case.disturbance == IMPACT and case.timestep * IMPACT_SPEED > LENGTHS * LENGTH:
+        return DEEP
+    return STIFF if stiffness_ratio(case) > DIGITS else UNKNOWN
 
 
 def stiffness_ratio(case: Case) -> float:

@@ -22,19 +22,10 @@ if TYPE_CHECKING:
 
 CALM, SHARP = 1.05, 10.0  # [-] gains that the map tells apart
 COLUMNS = ("runs", "survive", "recover", "gain, free", "gain, loaded", "of motion")
-HEADER = [
-    "body",
-    "young_Pa",
-    "timestep_s",
-    "disturbance",
-    "survives",
-    "recovers",
-    "gain",
-    "gain_of_motion",
-    "shape_error",
-    "warning",
-    "reason",
-]
+HEADER = (
+    *("body", "young_Pa", "timestep_s", "disturbance", "survives", "recovers"),
+    *("gain", "gain_of_motion", "shape_error", "warning", "reason"),
+)
 STATES = {  # of the map: colour
     f"returns, energy gain below {CALM:g}": "#2e8b57",
     f"returns, energy gain below {SHARP:g}": "#a5d46a",
