@@ -138,6 +138,7 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   for (int side = 0; side < 2; side++) {
     if (sides.kinematics[side]) local[side] = sides.kinematics[side]->ToLocal(d, measure.along);
   }
+  const int bodies[2] = {m->geom_bodyid[contact.geom[0]], m->geom_bodyid[contact.geom[1]]};
   const double sign = s == 1 ? 1 : -1;
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
@@ -145,6 +146,8 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
     const Node& node = kinematics.nodes()[n];
     for (int a = 0; a < node.dofs; a++) {
       const int dof = node.dof + a;
+      // rows have room for what moves the two bodies, and islands know of no more: dense rows must not hold more either
+      if (!sparse && kinematics.turning() && !MovesBody(m, dof, bodies[0]) && !MovesBody(m, dof, bodies[1])) continue;
       if (sparse) {
         while (entry < entries && columns[entry] < dof) entry++;
         if (entry == entries) return;
