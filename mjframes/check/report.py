@@ -167,7 +167,9 @@ def _draw(outcomes: Sequence[Outcome], path: Path) -> None:
     figure.supylabel("time step [ms]", fontsize=9)
     figure.suptitle(summary(outcomes), fontsize=11)
     keys = [Patch(color=colour, label=state) for state, colour in STATES.items()]
-    figure.legend(handles=keys, loc="outside lower center", ncols=len(keys), fontsize=8, frameon=False)
+    figure.legend(
+        handles=keys, loc="outside lower center", ncols=len(keys) if len(kinds) > 8 else 2, fontsize=8, frameon=False
+    )
     figure.savefig(path, dpi=RESOLUTION)
 
 
