@@ -34,7 +34,7 @@ def main(folder: Path, quick: bool = False) -> int:
     console.print(table(outcomes))
     console.print(summary(outcomes), highlight=False)
     for line in failures(outcomes):
-        console.print(f"- {line.partition(' (')[0]}.", highlight=False)
+        console.print(f"- {line.partition(' (')[0]}.", highlight=False, soft_wrap=True)
     for path in write(outcomes, folder):
         print(path)
     return 0

@@ -12,8 +12,8 @@ STIFF = "h²K/m is above 1e9, so that M + h²K holds few digits of M: the pivots
 motions are differences of numbers that much larger"
 DEEP = f"at {IMPACT_SPEED:.0f} m/s the bar is many of its lengths deep in the floor when a step first finds the \
 contact, and what pushes it out deforms it as much in the next"
-OTHER = "it rests in another shape: its elastic forces vanish there too, another minimum of the energy (folded or \
-with material turned inside out)"
+OTHER = "it rests in another shape: its elastic forces vanish there too, another minimum of the energy, folded or \
+with material turned inside out"
 SLOW = "it is on its way, the forces on it have not vanished when the time is up"
 UNKNOWN = "unexplained"
 

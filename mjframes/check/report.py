@@ -116,7 +116,8 @@ length stops it, or lies under a free box of 10⁴ or 10⁻⁴ × its mass. A ru
 MuJoCo and within 10 km; it recovers if, relieved and damped, its surface comes within 2 % of a length of that at rest.
 Gains are the largest energy of the undamped part to that of the start; *of motion* is what of it is not elastic.
 A step moves points straight along the tangent, so that one that turns a body by an angle φ stretches it by φ²/2: in a
-stiff one that is much elastic energy after an impact, which later steps take away and do not turn into motion."""
+stiff one that is much elastic energy after an impact, which later steps take away and do not turn into motion.
+For point frames on a line −x is half a turn, with hardly any energy to compare with."""
 
 
 def _write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
@@ -161,11 +162,14 @@ def _draw(outcomes: Sequence[Outcome], path: Path) -> None:
         axes.set_title(kind.replace(", ", "\n").replace(" frames", "\nframes").replace(" 1 :", "\n1 :"), fontsize=8)
     for axes in grid[-1]:
         axes.set_xticks(range(len(YOUNG)), [f"{np.log10(e):.0f}" for e in YOUNG], fontsize=7)
-    figure.supxlabel("log₁₀ of Young's modulus [Pa] (of the softer half where there are two)", fontsize=9)
+    below = "log₁₀ of Young's modulus [Pa], of the softer half where there are two"
+    grid[-1][len(kinds) // 2].set_xlabel(below, fontsize=9)
     figure.supylabel("time step [ms]", fontsize=9)
     figure.suptitle(summary(outcomes), fontsize=11)
     keys = [Patch(color=colour, label=state) for state, colour in STATES.items()]
-    figure.legend(handles=keys, loc="outside lower center", ncols=len(keys), fontsize=8, frameon=False)
+    figure.legend(
+        handles=keys, loc="outside lower center", ncols=len(keys) if len(kinds) > 8 else 2, fontsize=8, frameon=False
+    )
     figure.savefig(path, dpi=RESOLUTION)
 
 
