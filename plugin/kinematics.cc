@@ -55,6 +55,7 @@ void Kinematics::Create(const mjModel* m, int instance, Reader* reader) {
   pair_of_.assign(points_.size() * points_.size(), -1);
   x_.resize(points_.size());
   v_.resize(points_.size());
+  lever_.resize(points_.size());
 }
 
 void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
@@ -139,6 +140,10 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     turning_ = turning_ || (point.node >= 0 && point.offset);
     point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
   }
+  free_ = !nodes_.empty();
+  for (const ControlPoint& point : points_) free_ = free_ && point.node >= 0;
+  for (const Node& node : nodes_) free_ = free_ && (node.parent >= 0 || &node == nodes_.data());
+  load_.resize(nodes_.size());
   slide_.resize(nodes_.size());
   twist_.assign(6 * twists, 0.0);
   motion_.resize(6 * nodes_.size());
@@ -248,6 +253,13 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
       x_[j] = point.rest + slide_[point.node];
     }
   }
+  // levers and twists are about the middle of the points: about the holder, far away, turning would cost digits
+  middle_ = {};
+  if (turning_) {
+    for (const Vec3& x : x_) middle_ = middle_ + (1.0 / x_.size()) * x;
+  }
+  for (size_t j = 0; j < points_.size(); j++) lever_[j] = x_[j] - middle_;
+  const Vec3 centre = origin + Mul(axes, middle_);
   for (size_t n = 0; n < nodes_.size(); n++) {
     const Node& node = nodes_[n];
     double* motion = motion_.data() + 6 * n;
@@ -260,7 +272,7 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
       for (int r = 0; r < 3; r++) motion[r] += d->qvel[node.dof + r];
       continue;
     }
-    const Vec3 arm = origin - Position(d->subtree_com + 3 * m->body_rootid[node.body]);
+    const Vec3 arm = centre - Position(d->subtree_com + 3 * m->body_rootid[node.body]);
     for (int a = 0; a < node.dofs; a++) {
       const mjtNum* cdof = d->cdof + 6 * (node.dof + a);  // rotation, then translation at the root's centre of mass
       const Vec3 rotation = Position(cdof);
@@ -277,7 +289,7 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
     if (points_[j].node < 0) continue;
     const double* motion = motion_.data() + 6 * points_[j].node;
     v_[j] = Position(motion);
-    if (turning_) v_[j] = v_[j] + Cross(Position(motion + 3), x_[j]);
+    if (turning_) v_[j] = v_[j] + Cross(Position(motion + 3), lever_[j]);
   }
 }
 
@@ -293,7 +305,7 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
     double* wrench = motion_.data() + 6 * points_[j].node;
     for (int r = 0; r < 3; r++) wrench[r] += force[j][r];
     if constexpr (N == 6) {
-      const Vec3 torque = Cross(x_[j], force[j]);
+      const Vec3 torque = Cross(lever_[j], force[j]);
       for (int r = 0; r < 3; r++) wrench[3 + r] += torque[r];
     }
   }
@@ -319,6 +331,38 @@ void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, c
            : StoreInertiaOf<3>(stiffness, stiffness_scale, mass, d);
 }
 
+// Row sums of the mass at and below each node, and their moments.
+void Kinematics::SumMass(const double* mass) {
+  std::fill(load_.begin(), load_.end(), Share{});
+  const auto add = [this](int j, double m) {
+    Share& load = load_[points_[j].node];
+    load.weight += m;
+    load.moment = load.moment + m * lever_[j];
+  };
+  for (size_t i = 0; i < pairs_.size(); i++) {
+    add(pairs_[i].j, mass[i]);
+    if (pairs_[i].j != pairs_[i].k) add(pairs_[i].k, mass[i]);
+  }
+  for (size_t n = nodes_.size(); n-- > 1;) {
+    Share& into = load_[nodes_[n].parent];
+    into.weight += load_[n].weight;
+    into.moment = into.moment + load_[n].moment;
+  }
+}
+
+// Translations of all points strain nothing: their columns (and rows) hold mass alone, to the last digit. Summed from
+// blocks of K they would be its rounding errors, as large as M where h²K/m is 1e16.
+template <int N>
+void StripTranslation(const Share& load, bool rows, double* total) {
+  const Mat3 moment = Skew(load.moment);
+  for (int r = 0; r < N; r++) {
+    for (int c = 0; c < 3; c++) {
+      total[N * r + c] = r < 3 ? (r == c ? load.weight : 0) : moment[3 * (r - 3) + c];
+      if (rows) total[N * c + r] = total[N * r + c];
+    }
+  }
+}
+
 template <int N>
 void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
   constexpr int kSize = N * N;
@@ -330,11 +374,12 @@ void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale,
     for (int e = 0; e < 9; e++) block[e] = stiffness_scale * stiffness[9 * i + e];
     for (int r = 0; r < 3; r++) block[4 * r] += mass[i];
     double* sum = sum_.data() + kSize * static_cast<size_t>(pair.sum);
-    AddBlock<N>(block, x_[pair.j], x_[pair.k], pair.flip, sum);
+    AddBlock<N>(block, lever_[pair.j], lever_[pair.k], pair.flip, sum);
     if (pair.j != pair.k && points_[pair.j].node == points_[pair.k].node) {
-      AddBlock<N>(block, x_[pair.j], x_[pair.k], true, sum);
+      AddBlock<N>(block, lever_[pair.j], lever_[pair.k], true, sum);
     }
   }
+  if (free_) SumMass(mass);
   // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
   for (size_t n = nodes_.size(); n-- > 1;) {
     const Node& node = nodes_[n];
@@ -359,6 +404,7 @@ void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale,
     for (int depth = node.depth; depth >= 0; depth--, n = nodes_[n].parent) {
       const Node& upper = nodes_[n];
       for (int e = 0; e < kSize; e++) total[e] += row[kSize * depth + e];
+      if (free_ && depth == 0) StripTranslation<N>(load_[&node - nodes_.data()], depth == node.depth, total);
       const int* entry = entry_.data() + node.entry + first;
       for (int a = 0; a < node.dofs; a++) {
         const int count = depth == node.depth ? a + 1 : upper.dofs;
@@ -393,7 +439,7 @@ void Kinematics::PointShares(const double* omega, const Vec3& position, std::vec
     if (points_[j].node < 0 || omega[j] == 0) continue;
     Share& share = (*shares)[points_[j].node];
     share.weight += omega[j];
-    share.moment = share.moment + omega[j] * (x_[j] + lever);
+    share.moment = share.moment + omega[j] * (lever_[j] + lever);
   }
   for (size_t n = nodes_.size(); n-- > 0;) {
     if (nodes_[n].parent < 0) continue;

@@ -132,12 +132,14 @@ class Kinematics {
   void FindNodes(const mjModel* m, int instance);
   template <int N>
   void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
+  void SumMass(const double* mass);
   template <int N>
   void StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
 
   int outermost_ = -1;  // of the soft body's own bodies that move, −1 for none
   int holder_ = 0;      // body whose axes are the soft body's
   bool turning_ = false;
+  bool free_ = false;  // whether the first node moves all points
   std::vector<ControlPoint> points_;
   std::vector<Node> nodes_;  // ancestors first
   std::vector<PointPair> pairs_;
@@ -146,6 +148,9 @@ class Kinematics {
 
   // of this step
   std::vector<Vec3> x_, v_;     // of the points
+  std::vector<Vec3> lever_;     // x − the middle of all, where they turn
+  Vec3 middle_{};               // of all points, in the soft body's axes; zero where they only slide
+  std::vector<Share> load_;     // mass and its moment at and below the nodes
   std::vector<Vec3> slide_;     // of the nodes, where they only slide
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
   std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)

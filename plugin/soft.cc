@@ -453,14 +453,17 @@ void SoftBody::AddElasticity() {
 // f −= rate K v + α M v; rate: h of the implicit step and Rayleigh's β
 void SoftBody::AddDamping(double rate) {
   const std::vector<Vec3>& v = kinematics_.v();
+  // K is blind to a common velocity, but not to the last digit of a stiff K times a fast one
+  Vec3 common{};
+  for (const Vec3& some : v) common = common + (1.0 / v.size()) * some;
   for (size_t i = 0; i < kinematics_.pairs().size(); i++) {
     const auto [j, k, sum, flip] = kinematics_.pairs()[i];
     const double* block = stiffness_.data() + 9 * i;
     Mat3 C;
     for (int e = 0; e < 9; e++) C[e] = rate * block[e];
-    for (int r = 0; r < 3; r++) C[4 * r] += alpha_ * mass_[i];
-    force_[j] = force_[j] - Mul(C, v[k]);
-    if (j != k) force_[k] = force_[k] - MulT(C, v[j]);
+    const double drag = alpha_ * mass_[i];
+    force_[j] = force_[j] - Mul(C, v[k] - common) - drag * v[k];
+    if (j != k) force_[k] = force_[k] - MulT(C, v[j] - common) - drag * v[j];
   }
 }
 
