@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from mjframes.constants import RIGID_RATIO
 from mjframes.material import Material
@@ -53,6 +54,13 @@ class Grid:
     def centers(self) -> NDArray[np.float64]:
         """(n, 3) of all, kept from the first use on: `points` is for those who need a few at a time."""
         return self.points(slice(None))
+
+    @cached_property
+    def outermost(self) -> NDArray[np.int32]:
+        """The voxels with a face neighbour outside: the nearest one to any point outside is one of them."""
+        inside = self.padded >= 0
+        core = np.asarray(ndimage.binary_erosion(inside, ndimage.generate_binary_structure(3, 1)))
+        return self.padded[inside & ~core]
 
     @property
     def label(self) -> NDArray[np.unsignedinteger]:

@@ -92,7 +92,10 @@ def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarra
     index = np.arange(np.prod(shape))
     nodes = (first + spacing * np.stack(np.unravel_index(index, shape), axis=1)) @ grid.axes.T
     longest = float(np.linalg.norm(grid.spacing)) + spacing
-    near = KDTree(grid.centers).query(nodes, distance_upper_bound=BAND * spacing + longest)[0] < np.inf
+    cell = np.floor((nodes - grid.origin) @ grid.axes / grid.spacing).astype(np.int64)
+    near = grid.padded[tuple(np.clip(cell + 1, 0, np.array(grid.padded.shape) - 1).T)] >= 0
+    skin = KDTree(grid.points(grid.outermost))
+    near[~near] = skin.query(nodes[~near], distance_upper_bound=BAND * spacing + longest)[0] < np.inf
     return first, shape, index[near], nodes[near]
 
 

@@ -154,7 +154,8 @@ def closest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
     at = (points - grid.origin) @ grid.axes / grid.spacing - 0.5
     nearest = _search(at, grid.lookup, grid.spacing)
     if (far := nearest < 0).any():
-        nearest[far] = KDTree(grid.centers).query(points[far])[1]
+        # so far from all voxels around it, a point is outside
+        nearest[far] = grid.outermost[KDTree(grid.points(grid.outermost)).query(points[far])[1]]
     return nearest
 
 
