@@ -59,8 +59,8 @@ class Grid:
     def outermost(self) -> NDArray[np.int32]:
         """The voxels with a face neighbour outside: the nearest one to any point outside is one of them."""
         inside = self.padded >= 0
-        core = np.asarray(ndimage.binary_erosion(inside, ndimage.generate_binary_structure(3, 1)))
-        return self.padded[inside & ~core]
+        core = np.asarray(ndimage.binary_erosion(inside, ndimage.generate_binary_structure(3, 1)), bool)
+        return self.padded[inside & np.logical_not(core)]
 
     @property
     def label(self) -> NDArray[np.unsignedinteger]:
