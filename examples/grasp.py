@@ -68,8 +68,9 @@ GRIPPER = f"""<mujoco>
 class Grasp:
     """A scene in which a gripper holds a block.
 
-    built: what the soft bodies are.  held: name of the block's body, where it is rigid.  touching: material points (n, 3) of each soft body that are
-    to stay where they are in a body of the scene, in volume coordinates [m], and that body; normal: its axis across the contact.
+    built: what the soft bodies are.  touching: material points (n, 3) of each soft body that are to stay where they are
+    in a body of the scene, in volume coordinates [m], and that body.  normal: its axis across the contact.  held: name
+    of the block's body, where it is rigid.
     """
 
     model: mujoco.MjModel
