@@ -56,7 +56,7 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   const int geom[2] = {g1, g2};
   TouchScratch scratch;
   Touch touch[kMaxTouches];
-  const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
+  const int found = FindTouches(m, d, geom, side, margin, kVertices | kFeatures, &scratch, touch);
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {
@@ -227,6 +227,8 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   Touch found[kMaxTouches];
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
+  int kinds = kVertices;                        // these
+  double highest = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
@@ -235,17 +237,25 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
         pair[s] = contact.geom[s];
         side[s] = SideOf(m, d, pair[s]);
       }
-      double highest = contact.dist;
+      highest = contact.dist;
       for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
         highest = std::max(highest, d->contact[i].dist);
       }
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
+      kinds = kVertices;
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, kinds, scratch->touch.get(), found);
       next = 0;
     }
     // contacts of a pair come in the order of its touches, without those that are too far
-    while (next < count &&
-           Norm(found[next].position - Vec3{contact.pos[0], contact.pos[1], contact.pos[2]}) > kSamePlace) {
-      next++;
+    const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+    const auto find = [&] {
+      while (next < count && Norm(found[next].position - position) > kSamePlace) next++;
+      return next < count;
+    };
+    if (!find() && kinds == kVertices) {  // the rest are of features, which cost more
+      kinds = kFeatures;
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, kinds, scratch->touch.get(), found);
+      next = 0;
+      find();
     }
     if (next == count) continue;
     Sides sides = {};
@@ -254,7 +264,6 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       const Kinematics& kinematics = side[s].body->kinematics();
       std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
       AddTouchWeights(d, side, found[next], *scratch->touch, s, scratch->omega.data());
-      const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
       kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
       sides.kinematics[s] = &kinematics;
       sides.share[s] = &scratch->share[s];

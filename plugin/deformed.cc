@@ -69,7 +69,19 @@ bool DeformedPatch::Nearest(const int* nodes, const Vec3& fraction) const {
   return false;
 }
 
+const Vec3* DeformedPatch::Positions() const {
+  if (x_.empty()) {
+    const int k = static_cast<int>(volume_.holds.size());
+    x_.resize(k);
+    for (int j = 0; j < k; j++) {
+      if (volume_.holds[j]) x_[j] = body_.kinematics().WorldPosition(data_, j);
+    }
+  }
+  return x_.data();
+}
+
 bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
+  const Vec3* x = Positions();
   for (int corner = 0; corner < 8; corner++) {
     const int node = nodes[corner];
     cell->nodes[corner] = node;
@@ -80,7 +92,7 @@ bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
       if (!volume_.holds[j]) continue;
       const double weight = lattice_.weight[e];
       held += weight;
-      sum = sum + weight * body_.kinematics().WorldPosition(data_, j);
+      sum = sum + weight * x[j];
     }
     if (held < kHeld) return false;
     cell->x[corner] = (1 / held) * sum;

@@ -57,12 +57,14 @@ class DeformedPatch {
   bool Owns(const int* nodes) const;
   bool Nearest(const int* nodes, const Vec3& fraction) const;
   bool Deform(const int* nodes, Cell* cell) const;
+  const Vec3* Positions() const;
 
   const SoftBody& body_;
   const mjData* data_;
   const Lattice& lattice_;
   const PatchVolume& volume_;
   int patch_;
+  mutable std::vector<Vec3> x_;  // of the control points, from the first time that they are asked for
 };
 
 }  // namespace mjframes

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "height_field.h"
+#include "multiversion.h"
 
 namespace mjframes {
 namespace {
@@ -85,6 +86,30 @@ double Ellipsoid(const Vec3& p, const Vec3& radius, Vec3* normal) {
   return (level < 0 ? -1 : 1) * Norm(p - closest);
 }
 
+MJFRAMES_MULTIVERSION
+void PlaneDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes, int begin, int end,
+                    double* __restrict out) {
+  for (int s = begin; s < end; s++) {
+    out[s] =
+        axes[2] * (p[s] - position[0]) + axes[5] * (p[n + s] - position[1]) + axes[8] * (p[2 * n + s] - position[2]);
+  }
+}
+
+// As Box, without normals.
+MJFRAMES_MULTIVERSION
+void BoxDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes, const Vec3& half,
+                  int begin, int end, double* __restrict out) {
+  for (int s = begin; s < end; s++) {
+    const double x = p[s] - position[0], y = p[n + s] - position[1], z = p[2 * n + s] - position[2];
+    const double a = std::abs(axes[0] * x + axes[3] * y + axes[6] * z) - half[0];
+    const double b = std::abs(axes[1] * x + axes[4] * y + axes[7] * z) - half[1];
+    const double c = std::abs(axes[2] * x + axes[5] * y + axes[8] * z) - half[2];
+    const double u = a > 0 ? a : 0, v = b > 0 ? b : 0, w = c > 0 ? c : 0;
+    const double most = a > b ? a : b, face = most > c ? most : c;
+    out[s] = std::sqrt(u * u + v * v + w * w) + (face < 0 ? face : 0);
+  }
+}
+
 }  // namespace
 
 GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int geom, double reach)
@@ -100,6 +125,8 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
   for (int i = 0; i < 3; i++) {
     size[i] = m->geom_size[3 * geom + i];
     position[i] = d->geom_xpos[3 * geom + i];
+    middle[i] = m->geom_aabb[6 * geom + i];
+    extent[i] = m->geom_aabb[6 * geom + 3 + i];
   }
   for (int i = 0; i < 9; i++) orientation[i] = d->geom_xmat[9 * geom + i];
   if (type == mjGEOM_SDF && m->geom_plugin[geom] >= 0) {
@@ -113,9 +140,14 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
   }
 }
 
-double GeomQuery::Distance(const Vec3& p) const {
-  Vec3 normal;
-  return Evaluate(p, &normal);
+void GeomQuery::Distances(const double* points, int n, int begin, int end, double* out) const {
+  if (type == mjGEOM_PLANE) {
+    PlaneDistances(points, n, position, orientation, begin, end, out);
+  } else if (type == mjGEOM_BOX) {
+    BoxDistances(points, n, position, orientation, size, begin, end, out);
+  } else {
+    for (int s = begin; s < end; s++) out[s] = Evaluate({points[s], points[n + s], points[2 * n + s]}, nullptr);
+  }
 }
 
 Vec3 GeomQuery::Normal(const Vec3& p) const {
@@ -125,12 +157,17 @@ Vec3 GeomQuery::Normal(const Vec3& p) const {
 }
 
 double GeomQuery::LowerBound(const AlignedBox& box) const {
-  if (bounded()) {
-    Vec3 gap;
-    for (int i = 0; i < 3; i++) gap[i] = std::max(0.0, std::abs(position[i] - box.centre[i]) - box.half[i]);
-    return Norm(gap) - bound;
-  }
   const Vec3 local = MulT(orientation, box.centre - position);
+  if (bounded()) {
+    Vec3 to_middle, between;
+    for (int i = 0; i < 3; i++) {
+      to_middle[i] = std::max(0.0, std::abs(position[i] - box.centre[i]) - box.half[i]);
+      double half = extent[i];
+      for (int c = 0; c < 3; c++) half += std::abs(orientation[3 * c + i]) * box.half[c];
+      between[i] = std::max(0.0, std::abs(local[i] - middle[i]) - half);
+    }
+    return std::max(Norm(to_middle) - bound, Norm(between));
+  }
   if (type == mjGEOM_HFIELD) return HeightFieldBound(model, sdf_id, local) - Norm(box.half);
   double below = 0;
   for (int i = 0; i < 3; i++) below += std::abs(orientation[3 * i + 2]) * box.half[i];
@@ -179,7 +216,7 @@ double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {
       n = Direction({gradient[0], gradient[1], gradient[2]}, {0, 0, 1});
     }
   }
-  *normal = Mul(orientation, n);
+  if (normal) *normal = Mul(orientation, n);
   return distance;
 }
 

@@ -22,13 +22,14 @@ struct GeomQuery {
   // reach: distances above it may be any above it.
   GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int geom, double reach);
 
-  // Distance [m] from world point p to the surface, negative inside.
-  double Distance(const Vec3& p) const;
+  // Distance [m] from the world's points begin … end of n to the surface, negative inside: out[s] for s among them.
+  // points: by component, as Skinned has them.
+  void Distances(const double* points, int n, int begin, int end, double* out) const;
 
   // Unit vector out of the geom at p, in the world: the gradient of the distance.
   Vec3 Normal(const Vec3& p) const;
 
-  // At most the distance of any point in the box: that of a sphere or box around the geom.
+  // At most the distance of any point in the box: that of a sphere and of a box around the geom.
   double LowerBound(const AlignedBox& box) const;
 
   // Whether it has a size, unlike a plane and, as patches see it, a height field.
@@ -37,7 +38,7 @@ struct GeomQuery {
   bool valid;  // false where MuJoCo has no such distance
 
  private:
-  double Evaluate(const Vec3& p, Vec3* normal) const;
+  double Evaluate(const Vec3& p, Vec3* normal) const;  // normal may be null
 
   const mjModel* model;
   const mjData* data;
@@ -49,7 +50,8 @@ struct GeomQuery {
   const mjpPlugin* plugin;
   const Hull* hull;
   double reach;
-  double bound;  // radius of a sphere around it [m]; 0 for planes and height fields
+  double bound;         // radius of a sphere around it [m]; 0 for planes and height fields
+  Vec3 middle, extent;  // of a box around it, in its axes [m]
 };
 
 }  // namespace mjframes

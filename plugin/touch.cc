@@ -4,6 +4,8 @@
 #include <cmath>
 
 #include "deformed.h"
+#include "lanes.h"
+#include "multiversion.h"
 #include "soft.h"
 
 namespace mjframes {
@@ -13,7 +15,35 @@ namespace {
 constexpr double kBlend = 1;  // [-]
 
 constexpr double kOutward = 0.5;  // [-] cosine to the surface's normal above which a contact pushes outwards
+constexpr double kMargin = 1e-9;  // [m] more than rounding
 constexpr int kSupportSteps = 4;  // from an ellipsoid's centre to its point nearest to the surface
+
+// The one of n points, given by component, that is nearest to p.
+MJFRAMES_MULTIVERSION
+int Nearest(const double* points, int n, const Vec3& p) {
+  Lanes least = Fill(mjMAXVAL), first = Fill(0);  // squares, and the number of the first of four
+  int s = 0;
+  for (; s + kLanes <= n; s += kLanes) {
+    const Lanes x = Load(points + s) - p[0], y = Load(points + n + s) - p[1], z = Load(points + 2 * n + s) - p[2];
+    const Lanes square = x * x + y * y + z * z;
+    first = square < least ? Fill(s) : first;
+    least = square < least ? square : least;
+  }
+  int nearest = 0;
+  double best = mjMAXVAL;
+  for (int lane = 0; lane < kLanes; lane++) {
+    if (!(least[lane] < best)) continue;
+    best = least[lane];
+    nearest = static_cast<int>(first[lane]) + lane;
+  }
+  for (; s < n; s++) {
+    const Vec3 offset = Vec3{points[s], points[n + s], points[2 * n + s]} - p;
+    if (!(Dot(offset, offset) < best)) continue;
+    best = Dot(offset, offset);
+    nearest = s;
+  }
+  return nearest;
+}
 
 // A patch with its vertices where they are now.
 struct Skinned {
@@ -30,25 +60,11 @@ struct Skinned {
     if (own && !pose.box.Holds(p, room)) return false;
     *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
     if (pose.error > kTrusted) {
-      *xi = deformed.VertexPoint(Nearest(p));
+      *xi = deformed.VertexPoint(Nearest(vertices, n, p));
     } else if (own && !deformed.Near(*xi, pose.error)) {
       return false;
     }
     return deformed.Distance(p, own, xi, distance, normal);
-  }
-
-  int Nearest(const Vec3& p) const {
-    int nearest = 0;
-    double best = mjMAXVAL;
-    for (int s = 0; s < n; s++) {
-      const Vec3 offset = Vertex(s) - p;
-      const double square = Dot(offset, offset);
-      if (square < best) {
-        best = square;
-        nearest = s;
-      }
-    }
-    return nearest;
   }
 };
 
@@ -87,8 +103,8 @@ bool PushesOut(const Skinned& soft, const Touch& touch, const double* share) {
   return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
 }
 
-// The clusters of a patch against a rigid geom; normals point out of the geom. A vertex is a ball of the contact
-// radius.
+// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. A vertex
+// is a ball of the contact radius.
 int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
   const double radius = soft.deformed.body().contact_radius();
@@ -96,8 +112,13 @@ int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double ma
   int begin = 0, count = 0;
   for (const int size : soft.deformed.patch().cluster) {
     const int end = begin + size;
-    for (int s = begin; s < end; s++) share[s] = other.Distance(soft.Vertex(s)) - radius;
+    other.Distances(soft.vertices, soft.n, begin, end, share);
+    for (int s = begin; s < end; s++) share[s] -= radius;
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
+    if (!(touch.distance < margin)) {
+      begin = end;
+      continue;
+    }
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
       const Vec3 p = soft.Vertex(s);
@@ -110,7 +131,7 @@ int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double ma
     if (!(length > mjMINVAL)) continue;
     touch.normal = (1 / length) * touch.normal;
     touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
-    if (touch.distance < margin && other.bounded() && PushesOut(soft, touch, share)) continue;
+    if (other.bounded() && PushesOut(soft, touch, share)) continue;
     out[count++] = touch;
   }
   return count;
@@ -138,6 +159,13 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
   std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
   const auto world = [&](const Vec3& local) { return Vec3{origin[0], origin[1], origin[2]} + Mul(axes, local); };
   const double reach = kBlend * soft.deformed.body().contact_radius();
+  // in the geom's axes what may be near is in a box, too
+  const Vec3 centre = MulT(axes, soft.pose.box.centre - Vec3{origin[0], origin[1], origin[2]});
+  Vec3 half{};
+  for (int i = 0; i < 3; i++) {
+    for (int c = 0; c < 3; c++) half[i] += std::abs(axes[3 * c + i]) * (soft.pose.box.half[c] + soft.room);
+  }
+  const AlignedBox box = {centre, half};
   struct Near {
     Vec3 p, xi, normal;
   };
@@ -149,7 +177,7 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
     const int cluster = features.points[first].cluster;
     int found = 0;
     for (last = first; last < features.points.size() && features.points[last].cluster == cluster; last++) {
-      if (found == kMost) continue;
+      if (found == kMost || !(features.round || box.Holds(features.points[last].position, kMargin))) continue;
       Near& candidate = near[found];
       candidate.p = world(features.points[last].position);
       if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
@@ -209,7 +237,7 @@ int VertexTouches(const Skinned& mine, const Skinned& other, int side, double ma
 
 }  // namespace
 
-int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
+int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin, int kinds,
                 TouchScratch* scratch, Touch* out) {
   if (side[0].body == side[1].body) return 0;
   for (int s = 0; s < 2; s++) {
@@ -218,6 +246,7 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
   double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
   if (side[0].body && side[1].body) {
+    if (!(kinds & kVertices)) return 0;
     if (!side[0].body->has_volume() || !side[1].body->has_volume()) return 0;
     const DeformedPatch first(*side[0].body, side[0].patch, d), second(*side[1].body, side[1].patch, d);
     const PatchPose pose[2] = {first.Pose(), second.Pose()};
@@ -237,17 +266,17 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const DeformedPatch deformed(body, side[s].patch, d);
   if (!body.has_volume()) {
     const Skinned soft = Skin(deformed, {}, room, d, scratch->skinned[s]);
-    const int count = GeomTouches(soft, s, query, margin, scratch, out);
+    const int count = kinds & kVertices ? GeomTouches(soft, s, query, margin, scratch, out) : 0;
     for (int i = 0; i < count; i++) out[i].normal = (s == 0 ? -1 : 1) * out[i].normal;
     return count;
   }
   const PatchPose pose = deformed.Pose();
   if (query.LowerBound(pose.box) > reach) return 0;
-  const Features& features = body.features()[rigid];
-  const Skinned soft = Skin(deformed, pose, room + body.contact_radius() + features.radius, d, scratch->skinned[s]);
-  int count = GeomTouches(soft, s, query, margin, scratch, out);
+  const Features& points = body.features()[rigid];
+  const Skinned soft = Skin(deformed, pose, room + body.contact_radius() + points.radius, d, scratch->skinned[s]);
+  int count = kinds & kVertices ? GeomTouches(soft, s, query, margin, scratch, out) : 0;
   const int vertices = count;
-  count += FeatureTouches(m, d, rigid, soft, features, margin, out + count);
+  if (kinds & kFeatures) count += FeatureTouches(m, d, rigid, soft, points, margin, out + count);
   // those of features point out of the soft body, the others into it
   for (int i = 0; i < count; i++) {
     if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;

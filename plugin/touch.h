@@ -45,9 +45,12 @@ struct TouchScratch {
   Vec3 xi[2][kMaxPatchVertices];             // material points of the other side where the vertices are
 };
 
-// Where the two geoms touch, or would: in a fixed order, none of features or vertices of two patches farther than
-// `margin`. Nothing if the two sides are the same soft body.
-int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
+// Which points are asked for; features come after vertices.
+enum TouchKinds { kVertices = 1, kFeatures = 2 };
+
+// Where the two geoms touch, or would: in a fixed order, none farther than `margin`. Nothing if the two sides are the
+// same soft body. kinds: of TouchKinds, one or both.
+int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin, int kinds,
                 TouchScratch* scratch, Touch* out);
 
 // weight[j] += weight of control point j of the soft body on side s in the velocity of the touching point.

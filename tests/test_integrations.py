@@ -199,6 +199,23 @@ def test_a_thread_pool_steps_to_the_same_bits() -> None:
     np.testing.assert_array_equal(stepped(model, data), reference())
 
 
+def test_a_thread_pool_steps_soft_bodies_on_each_other_to_the_same_bits() -> None:
+    xml = "<mujoco><worldbody><geom type='plane' size='1 1 .1'/></worldbody></mujoco>"
+    stack = [(beam(beta=0.001), (0.01 * i, 0.02 * i, 0.001 + 0.05 * i), (1.0, 0, 0, 0.1 * i)) for i in range(3)]
+    model, data = compiled(xml, *stack)
+    ends, between = [], 0
+    for threads in (0, 2):
+        data = mujoco.MjData(model)
+        if threads:
+            mujoco.mju_threadpool(data, threads)
+        for _ in range(STEPS):
+            mujoco.mj_step(model, data)
+            between += sum(bool((model.geom_plugin[c.geom] >= 0).all()) for c in data.contact)
+        ends.append(state(model, data))
+    np.testing.assert_array_equal(*ends)
+    assert between > 1000
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_batch_is_equal_to_a_loop(threads: int) -> None:
     batch = pytest.importorskip("mujoco.batch")
