@@ -12,12 +12,12 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 import mjframes as mf
 from mjframes.control import points_of
 from mjframes.gradients import control_gradients
 from mjframes.grid import voxel_grid
+from mjframes.video import still
 from mjframes.view import Soft
 
 LENGTH, RADIUS, BONE, GAP, VOXEL = 0.4, 0.05, 0.015, 0.03, 0.01  # [m]; the bones end GAP before the elbow
@@ -115,20 +115,11 @@ def run(out: Path) -> Elbow:
     figure = Figure(figsize=(11.2, 5), layout="constrained")
     for axes, until in zip(figure.subplots(1, 2), (0.0, DURATION), strict=True):
         bend(arm, until)
-        axes.imshow(_drawn(arm))
+        axes.imshow(still(arm.model, arm.data, (0, 0.05, 0), 0.65, 90, -70, (560, 480)))
         axes.set_title(f"{arm.angle:.0f}°, {arm.torque:.1f} N m, volume {100 * arm.swelling:+.1f} %")
         axes.set_axis_off()
     figure.savefig(out / "elbow.png", dpi=100)
     return arm
-
-
-def _drawn(arm: Elbow) -> NDArray[np.uint8]:
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = (0, 0.05, 0)
-    camera.distance, camera.azimuth, camera.elevation = 0.65, 90, -70
-    with mujoco.Renderer(arm.model, 480, 560) as renderer:
-        renderer.update_scene(arm.data, camera)
-        return renderer.render()
 
 
 if __name__ == "__main__":

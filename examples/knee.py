@@ -19,6 +19,7 @@ import mjframes as mf
 from mjframes.control import control_weights
 from mjframes.grid import voxel_grid
 from mjframes.mechanics import closest_rotation
+from mjframes.video import still
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +92,7 @@ def run(out: Path) -> Knee:
     panels = figure.subplots(2, 2)
     for column in panels.T:
         mujoco.mj_forward(knee.model, knee.data)
-        column[0].imshow(_drawn(knee))
+        column[0].imshow(still(knee.model, knee.data, (-0.01, 0, -0.02), 0.42, 110, -10, (560, 480)))
         _draw_section(knee, column[1])
         column[0].set_title(f"{knee.data.time:.1f} s: tibia turned by {abs(knee.extension):.1f}°")
         for axes in column:
@@ -99,15 +100,6 @@ def run(out: Path) -> Knee:
         pull(knee)
     figure.savefig(out / "knee.png", dpi=100)
     return knee
-
-
-def _drawn(knee: Knee) -> NDArray[np.uint8]:
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = (-0.01, 0, -0.02)
-    camera.distance, camera.azimuth, camera.elevation = 0.42, 110, -10
-    with mujoco.Renderer(knee.model, 480, 560) as renderer:
-        renderer.update_scene(knee.data, camera)
-        return renderer.render()
 
 
 def _draw_section(knee: Knee, axes: Axes) -> None:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import mjframes as mf
 from mjframes.control import control_weights
 from mjframes.grid import voxel_grid
+from mjframes.video import still
 
 LENGTH, WIDTH, VOXEL = 0.4, 0.1, 0.0125  # [m]
 YOUNG, POISSON = 1e5, 0.3  # [Pa], [-]
@@ -102,20 +103,11 @@ def run(out: Path) -> dict[str, float]:
     for axes, mode in zip(np.ravel(figure.subplots(2, 3)), MOTIONS, strict=True):
         made.move(mode)
         energies[mode] = made.energy
-        axes.imshow(_drawn(made))
+        axes.imshow(still(made.model, made.data, (LENGTH / 2, WIDTH / 2, WIDTH / 2), 0.6, 105, -12, (520, 400)))
         axes.set_title(f"{mode}: {energies[mode]:.3f} J")
         axes.set_axis_off()
     figure.savefig(out / "modes.png", dpi=100)
     return energies
-
-
-def _drawn(made: Bar) -> NDArray[np.uint8]:
-    camera = mujoco.MjvCamera()
-    camera.lookat[:] = (LENGTH / 2, WIDTH / 2, WIDTH / 2)
-    camera.distance, camera.azimuth, camera.elevation = 0.6, 105, -12
-    with mujoco.Renderer(made.model, 400, 520) as renderer:
-        renderer.update_scene(made.data, camera)
-        return renderer.render()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Films of a simulation: MuJoCo's offscreen renderer into H.264."""
+"""Films and stills of a simulation: MuJoCo's offscreen renderer, films in H.264."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import importlib
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from ctypes import CDLL
 from fractions import Fraction
 from pathlib import Path
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from mjframes.errors import MjframesError
 from mjframes.files import replacing
@@ -63,6 +65,29 @@ def film(
                 container.mux(stream.encode(None))
         finally:
             renderer.close()
+
+
+def still(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    lookat: Sequence[float],
+    distance: float,
+    azimuth: float,
+    elevation: float,
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """One picture (height, width, 3) of the present state, from `distance` [m] of the point `lookat` [m]; angles in
+    degrees.  size: (width, height) [pixels].  Raises MjframesError where drawing fails.
+    """
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = lookat
+    camera.distance, camera.azimuth, camera.elevation = distance, azimuth, elevation
+    renderer = make_renderer(model, *size)
+    try:
+        renderer.update_scene(data, camera)
+        return renderer.render()
+    finally:
+        renderer.close()
 
 
 def find_camera(model: mujoco.MjModel, name: str | None) -> int:

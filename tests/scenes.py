@@ -6,6 +6,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+import pytest
 from shapes import mixed
 
 from mjframes.body import SoftBody, build
@@ -196,3 +197,34 @@ def jumble(model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator,
     slides = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_SLIDE
     mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, model.nv) * np.where(slides, length, angle), 1.0)
     mujoco.mj_forward(model, data)
+
+
+def check_implicit_step(
+    model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, angle: float, rtol: float
+) -> None:
+    """In random states qfrc_passive and d->M are what the dense matrices of the implicit step say."""
+    for _ in range(3):
+        jumble(model, data, rng, 0.02, angle)
+        data.qvel[:] = rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        passive, added = implicit_step(model, data)
+        np.testing.assert_allclose(data.qfrc_passive, passive, atol=rtol * np.abs(passive).max())
+        expected = rigid_inertia(model, data) + added
+        np.testing.assert_allclose(dense_inertia(model, data), expected, atol=rtol * np.abs(expected).max())
+
+
+def check_slope_of_energy(
+    model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, angle: float, states: int
+) -> None:
+    """In random states at rest qfrc_passive is minus the slope of the elastic energy of `soft0`, to 1e-6."""
+    view = soft(model, data, "soft0")
+    for _ in range(states):
+        jumble(model, data, rng, 0.02, angle)
+        force, start = data.qfrc_passive.copy(), data.qpos.copy()
+        direction, energy = rng.normal(size=model.nv), []
+        for step in (1e-6, -1e-6):
+            data.qpos[:] = start
+            mujoco.mj_integratePos(model, data.qpos, direction, step)
+            mujoco.mj_forward(model, data)
+            energy.append(view.elastic_energy)
+        assert (energy[0] - energy[1]) / 2e-6 == pytest.approx(-force @ direction, rel=1e-6)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from examples.kernels import NODES, plate
+from mjframes.constants import NEGLIGIBLE_WEIGHT
 from mjframes.grid import Grid, voxel_grid
 from mjframes.material import Material
 from mjframes.placement import Placement, place_frames
@@ -70,3 +72,15 @@ def thread_of_three_arms(
     arm = grid.lookup[size, size:, 0]
     root = 0.01 * np.sqrt(2)
     return grid, 0.01 * centers, (arm, 0.01 * np.arange(len(arm))), first * root, second * root, 0.6
+
+
+def check_kernel(grid: Grid, placement: Placement, weights: sparse.csr_array) -> None:
+    """A partition of unity in [0, 1], one at its own frame and zero at the others, constant in each rigid piece."""
+    dense = weights.toarray()
+    np.testing.assert_allclose(dense.sum(axis=1), 1, atol=1e-12)
+    assert weights.data.min() >= NEGLIGIBLE_WEIGHT
+    assert weights.data.max() <= 1
+    for i, seed in enumerate(placement.seeds):
+        np.testing.assert_array_equal(dense[seed], np.tile(np.eye(len(placement.seeds))[i], (len(seed), 1)))
+    for piece in range(grid.piece.max() + 1):
+        assert np.ptp(dense[grid.piece == piece], axis=0).max() == 0

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scenes import (
     beam,
+    check_implicit_step,
+    check_slope_of_energy,
     compiled,
-    dense_inertia,
     distort,
     implicit_step,
     in_space,
     jumble,
     move_points,
-    rigid_inertia,
 )
 from scipy.spatial.transform import Rotation
 from shapes import mixed
@@ -42,32 +42,12 @@ def bar(law: str, mode: str = "implicit") -> SoftBody:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_force_and_inertia_are_those_of_the_implicit_step(law: str) -> None:
-    model, data = in_space(body(law))
-    rng = np.random.default_rng(0)
-    for _ in range(3):
-        jumble(model, data, rng, 0.02, 0.5)
-        data.qvel[:] = rng.normal(size=model.nv)
-        mujoco.mj_forward(model, data)
-        passive, added = implicit_step(model, data)
-        np.testing.assert_allclose(data.qfrc_passive, passive, atol=1e-9 * np.abs(passive).max())
-        expected = rigid_inertia(model, data) + added
-        np.testing.assert_allclose(dense_inertia(model, data), expected, atol=1e-9 * np.abs(expected).max())
+    check_implicit_step(*in_space(body(law)), np.random.default_rng(0), angle=0.5, rtol=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_force_is_the_slope_of_the_energy(law: str) -> None:
-    model, data = in_space(body(law))
-    view = soft(model, data, "soft0")
-    rng = np.random.default_rng(1)
-    jumble(model, data, rng, 0.02, 0.5)
-    force, start = data.qfrc_passive.copy(), data.qpos.copy()
-    direction, energy = rng.normal(size=model.nv), []
-    for step in (1e-6, -1e-6):
-        data.qpos[:] = start
-        mujoco.mj_integratePos(model, data.qpos, direction, step)
-        mujoco.mj_forward(model, data)
-        energy.append(view.elastic_energy)
-    assert (energy[0] - energy[1]) / 2e-6 == pytest.approx(-force @ direction, rel=1e-6)
+    check_slope_of_energy(*in_space(body(law)), np.random.default_rng(1), angle=0.5, states=1)
 
 
 @pytest.mark.parametrize("law", LAWS)

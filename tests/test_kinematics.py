@@ -7,7 +7,17 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from scenes import compiled, dense_inertia, implicit_step, jumble, point_jacobian, point_mass, rigid_inertia
+from scenes import (
+    check_implicit_step,
+    check_slope_of_energy,
+    compiled,
+    dense_inertia,
+    implicit_step,
+    jumble,
+    point_jacobian,
+    point_mass,
+    rigid_inertia,
+)
 
 import mjframes as mf
 from mjframes.body import SoftBody
@@ -83,33 +93,12 @@ def test_rest_is_free_of_force(case: str) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_force_and_inertia_are_those_of_the_implicit_step(case: str) -> None:
-    model, data = scene(case)
-    rng = np.random.default_rng(0)
-    for _ in range(3):
-        jumble(model, data, rng, 0.02, 0.4)
-        data.qvel[:] = rng.normal(size=model.nv)
-        mujoco.mj_forward(model, data)
-        passive, added = implicit_step(model, data)
-        np.testing.assert_allclose(data.qfrc_passive, passive, atol=1e-10 * np.abs(passive).max())
-        expected = rigid_inertia(model, data) + added
-        np.testing.assert_allclose(dense_inertia(model, data), expected, atol=1e-10 * np.abs(expected).max())
+    check_implicit_step(*scene(case), np.random.default_rng(0), angle=0.4, rtol=1e-10)
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_force_is_the_slope_of_the_energy(case: str) -> None:
-    model, data = scene(case)
-    view = soft(model, data, "soft0")
-    rng = np.random.default_rng(1)
-    for _ in range(3):
-        jumble(model, data, rng, 0.02, 0.4)
-        force, start = data.qfrc_passive.copy(), data.qpos.copy()
-        direction, energy = rng.normal(size=model.nv), []
-        for step in (1e-6, -1e-6):
-            data.qpos[:] = start
-            mujoco.mj_integratePos(model, data.qpos, direction, step)
-            mujoco.mj_forward(model, data)
-            energy.append(view.elastic_energy)
-        assert (energy[0] - energy[1]) / 2e-6 == pytest.approx(-force @ direction, rel=1e-6)
+    check_slope_of_energy(*scene(case), np.random.default_rng(1), angle=0.4, states=3)
 
 
 @pytest.mark.parametrize("case", ["all types", "two links of one branch", "all types, two links of one branch"])
