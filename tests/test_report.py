@@ -6,7 +6,6 @@ import csv
 import os
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 
 from mjframes import cli, report
 from mjframes.errors import MjframesError
-from mjframes.report import cases, table2
+from mjframes.report import cases, models, table2
 from mjframes.report.bricks import at_centers, bricks
 from mjframes.report.cases import Case, all_cases, bar
 from mjframes.report.contenders import Setting, settings, solved
@@ -198,7 +197,7 @@ def test_the_command_writes_a_page_a_table_and_figures(tmp_path, monkeypatch, ca
     pytest.importorskip("matplotlib")
     small = [bar("cantilever", "cantilever", "weight", across=4, frames=(1, 2, 4))]
     monkeypatch.setattr(report, "all_cases", lambda quick: small)
-    monkeypatch.setattr(table2, "STEAK", Path("nowhere"))
+    monkeypatch.setattr(table2, "volume_of", lambda model, files: None)
     assert cli.main(["report", "--quick", "-o", str(tmp_path / "out")]) == 0
     assert "report.md" in capsys.readouterr().out
     page = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
@@ -229,3 +228,23 @@ def test_the_table_of_the_paper_is_measured_on_the_steak(monkeypatch):
     assert (line.frames, line.samples) == (3, 10)
     assert 60_000 < line.voxels < 70_000
     assert line.steps > 0
+
+
+def test_models_of_the_paper_have_stand_ins():
+    ribbon = models.volume_of("ribbon", {})
+    assert ribbon is not None
+    assert np.count_nonzero(ribbon.labels) == pytest.approx(60_000, rel=0.05)
+    assert np.count_nonzero(ribbon.largest_component().labels) == np.count_nonzero(ribbon.labels)
+    assert models.volume_of("dragon", {}) is None
+    with pytest.raises(MjframesError, match="needs a label image"):
+        models.volume_of("steak", {"steak": "steak.stl"})
+
+
+@pytest.mark.dm_control
+def test_the_rat_is_dm_controls_rodent(monkeypatch):
+    pytest.importorskip("dm_control")
+    monkeypatch.setitem(models.VOXELS, "rat", 5_000)
+    rat = models.volume_of("rat", {})
+    assert rat is not None
+    assert np.count_nonzero(rat.labels) == pytest.approx(5_000, rel=0.1)
+    assert rat.labels.shape[0] * rat.spacing[0] == pytest.approx(0.397, rel=0.05)  # [m] from nose to tail

@@ -1,6 +1,6 @@
 """The paper's Table 2 again: precomputation and steps per second of its models, the paper's numbers beside them.
 
-The steak comes with the package's checkout; of the other models only those are measured whose files are given.
+Models that are neither at hand nor given are left out; `mjframes.report.models` says what stands for the paper's.
 """
 
 from __future__ import annotations
@@ -8,18 +8,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
 
 import mujoco
-import numpy as np
 
 from mjframes.bench import SOFT, STEPS, measure_builds, measure_steps, prepare_runs
 from mjframes.errors import MjframesError
-from mjframes.images import read_image
-from mjframes.material import Material
-from mjframes.report.cases import STEAK
-from mjframes.volume import Volume
+from mjframes.report.models import volume_of
 
 # model, frames, samples: vertices, voxels, t_ini [s], frames a second
 PAPER = {
@@ -33,9 +28,7 @@ PAPER = {
     ("knee", 10, 200): ("35k", "500k", 11, 10),
     ("rat", 30, 230): ("600k", "1.5M", 90, 8),
 }
-VOXELS = {"dragon": 7_000_000, "ribbon": 60_000, "knee": 500_000, "rat": 1_500_000}
 MODELS = tuple(dict.fromkeys(model for model, _, _ in PAPER))
-FLESH = Material(2e4, 0.45, 1050)  # of meshes, which have no material, and of labels without one
 WIDTH, HEIGHT = 640, 480  # [pixels]
 
 
@@ -57,13 +50,12 @@ def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], Non
     """files: model → path of a label image or a mesh. Raises MjframesError for other models and unusable files."""
     if unknown := set(files) - set(MODELS):
         raise MjframesError(f"model {sorted(unknown)[0]!r} is not in the table; it has {', '.join(MODELS)}.")
-    paths = ({"steak": str(STEAK)} if STEAK.is_file() else {}) | dict(files)
     lines = []
-    for model in MODELS:
-        if model not in paths:
-            continue
+    for model in ("steak",) if quick and not files else MODELS:
         progress(f"table 2: {model}")
-        volume = _volume(paths[model], model)
+        volume = volume_of(model, files)
+        if volume is None:
+            continue
         sizes = [(frames, samples) for name, frames, samples in PAPER if name == model]
         bodies, buildings = measure_builds(volume, sizes, 1 if quick or model != "steak" else 3)
         for size, body, building in zip(sizes, bodies, buildings, strict=True):
@@ -81,14 +73,6 @@ def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], Non
                 )
             )
     return lines
-
-
-def _volume(path: str, model: str) -> Volume:
-    if Path(path).suffix.lower() in (".obj", ".stl", ".ply", ".off", ".glb"):
-        return Volume.from_meshes([(path, FLESH)], voxels=VOXELS[model]).largest_component()
-    image = read_image(Path(path))
-    flesh = {int(label): FLESH for label in np.unique(image.labels) if label}
-    return Volume.from_labels(path, materials=image.materials or flesh).largest_component()
 
 
 def _drawn(model: mujoco.MjModel, data: mujoco.MjData) -> float:
