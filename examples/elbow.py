@@ -112,7 +112,7 @@ def run(out: Path) -> Elbow:
 
     out.mkdir(parents=True, exist_ok=True)
     arm = elbow()
-    figure = Figure(figsize=(11.2, 5), layout="constrained")
+    figure = Figure(figsize=(11.2, 5.3), layout="constrained")
     for axes, until in zip(figure.subplots(1, 2), (0.0, DURATION), strict=True):
         bend(arm, until)
         axes.imshow(still(arm.model, arm.data, (0, 0.05, 0), 0.65, 90, -70, (560, 480)))

@@ -88,7 +88,7 @@ def run(out: Path) -> Knee:
 
     out.mkdir(parents=True, exist_ok=True)
     knee = knee_at_rest()
-    figure = Figure(figsize=(10, 9.5), layout="constrained")
+    figure = Figure(figsize=(10, 9.8), layout="constrained")
     panels = figure.subplots(2, 2)
     for column in panels.T:
         mujoco.mj_forward(knee.model, knee.data)

@@ -1,0 +1,126 @@
+"""A soft ball between two plates against Hertz: F = 4/3 E* √R δ^1.5, E* = E / (1 − ν²), δ the approach to one plate.
+
+Frames a distance s apart cannot follow a contact area of radius a = √(R δ) that is smaller: the ball is then too stiff.
+Its force falls to Hertz's as the frames get closer, slowly: at 20 frames and δ = 8 mm it is 1.7 times Hertz's, and from
+ten frames on the excess there is proportional to s/a. With fewer frames, and at δ near a voxel, it is larger than that.
+Run `python examples/hertz.py --out out`; it needs matplotlib (`pip install "mjframes[plot]"`).
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+import mjframes as mf
+
+Array = NDArray[np.float64]
+
+RADIUS, YOUNG, POISSON, ACROSS = 0.05, 1e5, 0.3, 24  # [m], [Pa], [-], [voxels]
+APPROACH = np.array([0.004, 0.006, 0.008])  # [m]
+FRAMES = (10, 20, 40, 60)
+SCENE = f"""<mujoco><option gravity="0 0 0" timestep="0.005"/><worldbody>
+<body name="below" mocap="true" pos="0 0 -{RADIUS + 0.01}"><geom type="box" size=".1 .1 .01"/></body>
+<body name="above" mocap="true" pos="0 0 {RADIUS + 0.01}"><geom name="above" type="box" size=".1 .1 .01"/></body>
+</worldbody></mujoco>"""
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """ratio: (frames, approaches) of the force to Hertz's.  exponent: (frames,) of force over approach.
+
+    coarseness: (frames,) s/a at the deepest approach.  slope, limit: of ratio = limit + slope s/a there.
+    """
+
+    ratio: Array
+    exponent: Array
+    coarseness: Array
+    slope: float
+    limit: float
+
+
+def hertz(approach: Array) -> Array:
+    """[N]"""
+    return 4 / 3 * YOUNG / (1 - POISSON**2) * np.sqrt(RADIUS) * approach**1.5
+
+
+def forces(frames: int) -> Array:
+    """On one plate, at each approach [N]."""
+    center = (np.arange(ACROSS) + 0.5) * 2 * RADIUS / ACROSS - RADIUS
+    x, y, z = np.meshgrid(center, center, center, indexing="ij")
+    ball = (x**2 + y**2 + z**2 < RADIUS**2).astype(np.uint8)
+    rubber = mf.Material(YOUNG, POISSON, 1000)
+    volume = mf.Volume.from_labels(ball, 2 * RADIUS / ACROSS, {1: rubber}, origin=(-RADIUS,) * 3)
+    body = mf.build(volume, frames, 4 * frames + 40, damping=(0.0, 0.1))
+    spec = mujoco.MjSpec.from_string(SCENE)
+    contact = mf.Contact(condim=1, solref=(0.01, 1), solimp=(0.99, 0.99), priority=1)
+    mf.attach(spec.worldbody, body, "ball", contact=contact)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    start, before, found = data.mocap_pos.copy(), 0.0, []
+    for approach in APPROACH:
+        for share in np.minimum(np.arange(1, 61) / 20, 1):
+            data.mocap_pos[:] = start * (1 - (before + share * (approach - before)) / start[1, 2])
+            mujoco.mj_step(model, data)
+        before = approach
+        mujoco.mj_forward(model, data)
+        found.append(_force_on(model, data, model.geom("above").id))
+    return np.array(found)
+
+
+def _force_on(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
+    """[N] along the contacts' normals."""
+    total, force = 0.0, np.zeros(6)
+    for number, touch in enumerate(data.contact):
+        if geom in touch.geom:
+            mujoco.mj_contactForce(model, data, number, force)
+            total += force[0]
+    return total
+
+
+def press() -> Pressed:
+    ratio = np.array([forces(frames) for frames in FRAMES]) / hertz(APPROACH)
+    exponent = np.polyfit(np.log(APPROACH), np.log(ratio * hertz(APPROACH)).T, 1)[0]
+    spacing = RADIUS * (4 / 3 * np.pi / np.array(FRAMES)) ** (1 / 3)
+    coarseness = spacing / np.sqrt(RADIUS * APPROACH[-1])
+    slope, limit = np.polyfit(coarseness, ratio[:, -1], 1)
+    return Pressed(ratio, exponent, coarseness, float(slope), float(limit))
+
+
+def run(out: Path) -> Pressed:
+    """Write hertz.png to `out`."""
+    from matplotlib.figure import Figure
+
+    out.mkdir(parents=True, exist_ok=True)
+    pressed = press()
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    fine = np.linspace(0, 1.1 * APPROACH[-1], 100)
+    left.plot(1e3 * fine, hertz(fine), "k", label="Hertz")
+    for frames, row in zip(FRAMES, pressed.ratio, strict=True):
+        left.plot(1e3 * APPROACH, row * hertz(APPROACH), "o-", label=f"{frames} frames")
+    left.set(xlabel="approach to one plate [mm]", ylabel="force [N]")
+    left.legend()
+    ends = np.array([0, 1.05 * pressed.coarseness.max()])
+    right.plot(ends, pressed.limit + pressed.slope * ends, "0.6")
+    right.plot(pressed.coarseness, pressed.ratio[:, -1], "o")
+    for frames, x, y in zip(FRAMES, pressed.coarseness, pressed.ratio[:, -1], strict=True):
+        right.annotate(f"{frames} ", (x, y), ha="right", va="bottom")
+    right.axhline(1, color="k", linewidth=0.8)
+    right.set(xlabel="distance of frames / radius of the contact", ylabel=f"F / Hertz at {1e3 * APPROACH[-1]:g} mm")
+    figure.savefig(out / "hertz.png", dpi=110)
+    return pressed
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder of hertz.png")
+    result = run(parser.parse_args().out)
+    for frames, power, row in zip(FRAMES, result.exponent, result.ratio, strict=True):
+        times = ", ".join(f"{ratio:.2f}" for ratio in row)
+        print(f"{frames} frames: {times} times Hertz's force, which grows with δ^{power:.2f}")
+    print(f"F / F_Hertz = {result.limit:.2f} + {result.slope:.2f} s/a at δ = {1e3 * APPROACH[-1]:g} mm")
