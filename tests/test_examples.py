@@ -6,9 +6,10 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
 
 import mjframes as mf
-from examples import kernels, knee
+from examples import kernels, knee, rat
 from examples.steak import run, steak_scene
 from mjframes.log import read_log
 
@@ -53,3 +54,17 @@ def test_kernels_of_figure_6(tmp_path: Path) -> None:
     assert np.nanmax(fields[2][right]) == 0
     assert np.nanmin(fields[5][right]) > 0.06  # "unrealistically large influence regions"
     assert np.nanmax(fields[5][right]) < 0.09
+
+
+@pytest.mark.dm_control
+def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path) -> None:
+    pytest.importorskip("dm_control")
+    found = rat.run(tmp_path, duration=0.4)
+    assert (tmp_path / "rat.mp4").stat().st_size > 10_000
+    assert len(found.body.types) == 30
+    assert not any(warning.number for warning in found.data.warning)
+    sway = np.ptp(found.belly, axis=0)
+    assert 1e-3 < sway[1] < 6e-3  # [m]: the spine bends, and the belly with it
+    view = mf.soft(found.model, found.data, "flesh")
+    assert found.body.links == tuple(rat.BONES)
+    assert view.elastic_energy > 0
