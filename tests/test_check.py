@@ -29,12 +29,9 @@ def outcomes(kinds: Sequence[str], young: Sequence[float], steps: Sequence[float
     return [run(Case(BY_NAME[kind], e, h, what)) for kind in kinds for e in young for h in steps for what in how]
 
 
-# rigid frames beside 1e12 Pa at 1/30 s leave M + h²K too few digits of M: the table of `mjframes check` says so
-@pytest.mark.parametrize(
-    ("kind", "young"),
-    [(kind, young) for kind in ("corotational", "mixed frames") for young in (1.0, 1e6, 1e11)]
-    + [("corotational", 1e12)],
-)
+# mixed frames at 1e12 Pa, while relaxation left K_e forces on translations of 4e-11 of itself: every start blew up
+@pytest.mark.parametrize("young", [1.0, 1e6, 1e12])
+@pytest.mark.parametrize("kind", ["corotational", "mixed frames"])
 def test_from_any_shape_a_corotational_body_returns_without_a_gain(kind: str, young: float) -> None:
     for some in outcomes([kind], [young], [2e-3, 1 / 30], FREE):
         assert some.recovers, some
