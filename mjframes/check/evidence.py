@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjframes.check.cases import LENGTH, VOLUME
+from mjframes.check.cases import CENTRES, LENGTH, VOLUME
 from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.view import Soft
 
@@ -18,22 +18,24 @@ class End:
 
     force: the largest elastic one along a degree of freedom, to E times the bar's length squared [-].
     speed: of the fastest control point [lengths of the bar / s].  energy: elastic, to E times the volume [-].
-    inverted: of so many `samples` (quadrature points, or regions of the corotational law) those with det F < 0.
+    inverted: of the `samples`, at which the law knows F (quadrature points, or regions), and of the `voxels` those with
+    det F < 0.
     earlier: error of the shape at half of the damped part [-].
     """
 
     force: float
     speed: float
     energy: float
-    inverted: int
+    inverted: tuple[int, int]
     samples: int
+    voxels: int
     earlier: float
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """steps: taken in all.  time: they took [s].  stiffness: the largest h²K/m along a degree of freedom, undisturbed [-].
-    rounding: of h²K in the solution of the step, nv ε h²K/m, to the mass [-].
+    """steps: taken in all.  time: they took [s].  stiffness: the largest h²K/m found [-].
+    rounding: what that may leave in the solution of a step, nv ε h²K/m [-].
     depth: deepest that the bar's middle was found below the floor, to its length [-].
     end: None where the body was lost before.
     """
@@ -47,7 +49,7 @@ class Evidence:
 
 
 def stiffness_ratio(view: Soft) -> float:
-    """The largest diagonal entry of h²K to that of M [-]; needs mj_forward."""
+    """The largest h²K/m along a degree of freedom [-]; needs mj_forward."""
     model, data = view.model, view.data
     diagonal = data.M[model.M_rowadr + model.M_rownnz - 1]
     return float((diagonal / model.dof_M0).max())
@@ -61,24 +63,25 @@ def rounding(view: Soft, stiffness: float) -> float:
 def measure_end(view: Soft, young: float, earlier: float) -> End:
     """Needs mj_forward; leaves the body at a stop."""
     speed = float(np.linalg.norm(view.control_velocities, axis=1).max() / LENGTH)
-    inverted = np.concatenate([np.linalg.det(F) < 0 for F in _deformations(view)])
     energy = view.elastic_energy / (young * VOLUME)
+    sampled, everywhere = _known_deformations(view), view.deformation_gradients(CENTRES)
+    inverted = tuple(int((np.linalg.det(F) < 0).sum()) for F in (sampled, everywhere))
     force = elastic_force(view) / (young * LENGTH**2)
-    return End(force, speed, energy, int(inverted.sum()), len(inverted), earlier)
+    return End(force, speed, energy, inverted, len(sampled), len(everywhere), earlier)
 
 
 def elastic_force(view: Soft) -> float:
-    """The largest along a degree of freedom, without what a rigid frame's points exert on each other; stops the body."""
+    """The largest along a degree of freedom: without what a rigid frame's points exert on each other. Stops the body."""
     view.data.qvel[:] = 0
     mujoco.mj_forward(view.model, view.data)
     return float(np.abs(view.data.qfrc_passive).max())
 
 
-def _deformations(view: Soft) -> list[np.ndarray]:
-    """F (q, 3, 3) of each region, at its quadrature points or their mean."""
+def _known_deformations(view: Soft) -> np.ndarray:
+    """F (q, 3, 3) of all regions at their quadrature points, or the mean of each."""
     x = view.control_positions
     found = []
     for region in view.regions:
         gradient = region.gradient if isinstance(region, HyperelasticRegion) else region.gradient[None]
         found.append(np.einsum("jr,qja->qra", x[region.points], gradient))
-    return found
+    return np.concatenate(found)

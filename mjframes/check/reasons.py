@@ -13,9 +13,12 @@ ROUNDED = 1e-3  # [-] of the mass, lost to rounding errors of h²K
 PASSED = "passed the floor: one step goes through it, and what pushes the bar out again deforms it as much in the next"
 DIGITS = "lost digits: rounding errors of h²K are no longer small beside the mass"
 GREW = "gained energy from step to step"
-INVERTED = "rests inverted: elastic forces vanish with material turned inside out, another minimum of the energy"
-FOLDED = "rests in another shape: elastic forces vanish with no material turned inside out"
+INVERTED = "rests inverted: elastic forces vanish with voxels turned inside out, another minimum of the energy"
+FOLDED = "rests in another shape: elastic forces vanish with no voxel turned inside out"
 MOVING = "is still moving when its time is up"
+
+
+LETTERS = {PASSED: "P", DIGITS: "D", GREW: "G", INVERTED: "I", FOLDED: "O", MOVING: "M"}  # of the map
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,10 @@ def _of_lost(outcome: Outcome) -> Reason:
         reach = case.timestep * IMPACT_SPEED / LENGTH
         return Reason(PASSED, f"its middle {evidence.depth:.3g} lengths deep, {reach:.3g} lengths a step; {grown}")
     if evidence.rounding > ROUNDED:
-        return Reason(DIGITS, f"h²K/m = {evidence.stiffness:.1e}, rounded to {evidence.rounding:.1e} of m; {grown}")
+        return Reason(
+            DIGITS,
+            f"h²K/m reaches {evidence.stiffness:.1e}, its rounding errors {evidence.rounding:.1e} of the mass; {grown}",
+        )
     return Reason(GREW, f"{grown}; h²K/m = {evidence.stiffness:.1e}")
 
 
@@ -49,9 +55,13 @@ def _of_end(outcome: Outcome) -> Reason:
     assert end is not None
     shape = f"shape error {outcome.error:.2g}"
     if end.force > BALANCED:
-        moving = f"after {outcome.evidence.time:.3g} s with {end.speed:.1e} lengths/s and forces of {end.force:.1e} E ℓ²"
+        moving = (
+            f"after {outcome.evidence.time:.3g} s with {end.speed:.1e} lengths/s and forces of {end.force:.1e} E ℓ²"
+        )
         return Reason(MOVING, f"{moving}; {shape}, {end.earlier:.2g} at half of that time")
     energy = f"elastic energy {end.energy:.1e} E V"
-    if end.inverted == 0:
+    points, voxels = end.inverted
+    if points == voxels == 0:
         return Reason(FOLDED, f"{energy}; {shape}")
-    return Reason(INVERTED, f"det F < 0 at {end.inverted} of {end.samples} samples, {energy}; {shape}")
+    where = f"{voxels} of {end.voxels} voxels and {points} of {end.samples} points where the law is evaluated"
+    return Reason(INVERTED, f"det F < 0 at {where}, {energy}; {shape}")

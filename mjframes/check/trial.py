@@ -23,7 +23,7 @@ IMPACT_SPEED = (2 * 1e4 * GRAVITY * LENGTH) ** 0.5  # [m/s] stopped on one lengt
 CONTACT_TIME = 1e-3  # [s] of the contact's spring; MuJoCo makes it two steps at least
 GAP = 1e-4  # [m] to the floor
 FREE_STEPS = (100, 1000)  # of the undamped part, at least and at most; half a period between
-DAMPED_STEPS = (400, 160_000)  # of the damped part; forty periods between
+DAMPED_STEPS = (1000, 160_000)  # of the damped part; forty periods between
 PERIODS = 40.0
 LEAST_DECAY = 0.98  # [-] of velocities in a damped step
 LOOKS = 60  # at the energy in the undamped part, beside each of as many first steps
@@ -32,7 +32,7 @@ CALM = 4  # good looks at the shape, or at a body that rests in another one, one
 BOUND = 1e4  # [m] beyond which a body has not survived
 RECOVERED = 0.02  # [-] of the bar's length
 BALANCED = 1e-4  # [-] of E times the bar's length squared: elastic forces below are none
-RESTING = 1e-6  # [-] of that, where it is no use to wait
+RESTING = 1e-5  # [-] of that, where it is no use to wait
 
 WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -69,11 +69,9 @@ def run(case: Case) -> Outcome:
     made = body(case.kind, case.young)
     model, data = _scene(case, made)
     view = soft(model, data, "soft")
-    mujoco.mj_forward(model, data)
-    stiffness = stiffness_ratio(view)
     _disturb(case, model, data, view)
     mujoco.mj_forward(model, data)
-    energies, depth = [_energy(view)], 0.0
+    energies, stiffness, depth = [_energy(view)], stiffness_ratio(view), 0.0
     steps = int(np.clip(np.pi / case.frequency / case.timestep, *FREE_STEPS))
     alive, number = True, 0
     for number in range(1, steps + 1):
@@ -84,6 +82,7 @@ def run(case: Case) -> Outcome:
                 break
             mujoco.mj_forward(model, data)
             energies.append(_energy(view))
+            stiffness = max(stiffness, stiffness_ratio(view))
             depth = max(depth, _depth(case, view))
     error, damped, end = _relax(case, made, view) if alive else (np.inf, 0, None)
     motion, elastic = np.transpose(energies)
