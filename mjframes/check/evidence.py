@@ -64,14 +64,14 @@ def measure_end(view: Soft, young: float, earlier: float) -> End:
     """Needs mj_forward; leaves the body at a stop."""
     speed = float(np.linalg.norm(view.control_velocities, axis=1).max() / LENGTH)
     energy = view.elastic_energy / (young * VOLUME)
-    sampled, everywhere = _known_deformations(view), view.deformation_gradients(CENTRES)
-    inverted = tuple(int((np.linalg.det(F) < 0).sum()) for F in (sampled, everywhere))
+    sampled, everywhere = np.linalg.det(_known_deformations(view)), np.linalg.det(view.deformation_gradients(CENTRES))
+    inverted = int((sampled < 0).sum()), int((everywhere < 0).sum())
     force = elastic_force(view) / (young * LENGTH**2)
     return End(force, speed, energy, inverted, len(sampled), len(everywhere), earlier)
 
 
 def elastic_force(view: Soft) -> float:
-    """The largest along a degree of freedom: without what a rigid frame's points exert on each other. Stops the body."""
+    """The largest along a degree of freedom [N], where a rigid frame's points exert none on each other; stops the body."""
     view.data.qvel[:] = 0
     mujoco.mj_forward(view.model, view.data)
     return float(np.abs(view.data.qfrc_passive).max())

@@ -14,7 +14,10 @@ from mjframes.check.trial import Outcome
 from mjframes.errors import MjframesError
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
 
 CALM, SHARP = 1.05, 10.0  # [-] gains of energy told apart
 STATES = {  # colour
@@ -43,47 +46,52 @@ def draw(outcomes: Sequence[Outcome], title: str, path: Path) -> None:
         fields.setdefault((o.case.kind.name, o.case.disturbance), []).append(o)
     kinds = [kind.name for kind in KINDS if any(name == kind.name for name, _ in fields)]
     disturbances = [name for name in DISTURBANCES if any(other == name for _, other in fields)]
+    steps = [h for h in STEPS if any(o.case.timestep == h for o in outcomes)]
+    young = [e for e in YOUNG if any(o.case.young == e for o in outcomes)]
     figure = Figure(figsize=(2.2 + 1.35 * len(kinds), 2.6 + 0.9 * len(disturbances)), layout="constrained")
     grid = figure.subplots(len(disturbances), len(kinds), squeeze=False, sharex=True, sharey=True)
     colours = ListedColormap(list(STATES.values())).with_extremes(bad=NOT_RUN)
     for row, disturbance in zip(grid, disturbances, strict=True):
         for axes, kind in zip(row, kinds, strict=True):
-            _field(axes, fields.get((kind, disturbance), []), colours)
+            _field(axes, fields.get((kind, disturbance), []), steps, young, colours)
         row[0].set_ylabel(_broken(disturbance, "at ", "× "), fontsize=10, rotation=0, ha="right", va="center")
-        row[0].set_yticks(range(len(STEPS)), [f"{h * 1e3:.3g} ms" for h in STEPS], fontsize=8)
+        row[0].set_yticks(range(len(steps)), [f"{h * 1e3:.3g} ms" for h in steps], fontsize=8)
     for axes, kind in zip(grid[0], kinds, strict=True):
         axes.set_title(_broken(kind, "frames", "1 :", "neo-"), fontsize=10)
     for axes in grid[-1]:
-        axes.set_xticks(range(len(YOUNG)), list(map(_power, YOUNG)), fontsize=8)
-    figure.supxlabel("Young's modulus [Pa], of the softer half where there are two", fontsize=10)
+        axes.set_xticks(range(len(young)), list(map(_power, young)), fontsize=8)
+    below = "Young's modulus [Pa], of the softer half where there are two"
+    grid[-1][len(kinds) // 2].set_xlabel(below, fontsize=10)
     figure.suptitle(title, fontsize=13)
     _legend(figure, outcomes, wide=len(kinds) > 8)
     figure.savefig(path, dpi=RESOLUTION)
 
 
-def _field(axes: Axes, outcomes: Sequence[Outcome], colours: object) -> None:
-    field = np.full((len(STEPS), len(YOUNG)), np.nan)
+def _field(
+    axes: Axes, outcomes: Sequence[Outcome], steps: Sequence[float], young: Sequence[float], colours: Colormap
+) -> None:
+    field = np.full((len(steps), len(young)), np.nan)
     for o in outcomes:
-        down, across = STEPS.index(o.case.timestep), YOUNG.index(o.case.young)
+        down, across = steps.index(o.case.timestep), young.index(o.case.young)
         field[down, across] = _state(o)
         if not o.recovers:
             letter = LETTERS[reason(o).kind]
             axes.text(across, down, letter, color="white", fontsize=8, weight="bold", ha="center", va="center")
     axes.imshow(field, cmap=colours, vmin=-0.5, vmax=len(STATES) - 0.5, aspect="auto")
-    axes.set_xticks(np.arange(len(YOUNG) + 1) - 0.5, minor=True)
-    axes.set_yticks(np.arange(len(STEPS) + 1) - 0.5, minor=True)
+    axes.set_xticks(np.arange(len(young) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(steps) + 1) - 0.5, minor=True)
     axes.grid(which="minor", color="white", linewidth=1)
     axes.tick_params(which="both", length=0)
     for side in axes.spines.values():
         side.set_visible(False)
 
 
-def _legend(figure, outcomes: Sequence[Outcome], wide: bool) -> None:
+def _legend(figure: Figure, outcomes: Sequence[Outcome], wide: bool) -> None:
     """Colours, and the letters that occur."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    keys = [Patch(color=colour, label=state) for state, colour in STATES.items()]
+    keys: list[Artist] = [Patch(color=colour, label=state) for state, colour in STATES.items()]
     keys.append(Patch(color=NOT_RUN, label="not run"))
     found = {reason(o).kind for o in outcomes if not o.recovers}
     for kind, letter in LETTERS.items():

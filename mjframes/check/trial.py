@@ -101,7 +101,7 @@ def _relax(case: Case, made: SoftBody, view: Soft) -> tuple[float, int, End | No
     decay = max(np.exp(-case.frequency * case.timestep), LEAST_DECAY)
     steps = int(np.clip(PERIODS * 2 * np.pi / case.frequency / case.timestep, *DAMPED_STEPS))
     stride = max(1, steps // DAMPED_LOOKS)
-    calm, resting, errors = 0, 0, []
+    calm, resting, number, errors = 0, 0, 0, []
     for number in range(stride, steps + 1, stride):
         for _ in range(stride):
             mujoco.mj_step(model, data)
