@@ -71,7 +71,7 @@ def measure_end(view: Soft, young: float, earlier: float) -> End:
 
 
 def elastic_force(view: Soft) -> float:
-    """The largest along a degree of freedom [N], where a rigid frame's points exert none on each other; stops the body."""
+    """The largest along a degree of freedom [N]: a rigid frame's points exert none on each other. Stops the body."""
     view.data.qvel[:] = 0
     mujoco.mj_forward(view.model, view.data)
     return float(np.abs(view.data.qfrc_passive).max())
