@@ -16,7 +16,7 @@ from mjframes import check
 from mjframes.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, LENGTH, Case, Kind, body
 from mjframes.check.evidence import End, Evidence, measure_end, rounding, stiffness_ratio
 from mjframes.check.map import draw
-from mjframes.check.reasons import DIGITS, FOLDED, GREW, INVERTED, MOVING, PASSED, Reason, reason
+from mjframes.check.reasons import DIGITS, FOLDED, GREW, INVERTED, MOVING, PASSED, SPUN, Reason, reason
 from mjframes.check.report import failures, heading, table
 from mjframes.check.states import move_points, move_with
 from mjframes.check.trial import Outcome, run, shape_error
@@ -84,7 +84,7 @@ def test_shape_error() -> None:
 
 
 CALM = End(force=1e-7, speed=0.0, energy=0.08, inverted=(0, 0), samples=40, voxels=432, earlier=0.5)
-HELD = Evidence(steps=500, time=1.0, stiffness=1e6, rounding=1e-8, depth=0.0, end=CALM)
+HELD = Evidence(steps=500, time=1.0, stiffness=1e6, rounding=1e-8, depth=0.0, spins=0, end=CALM)
 STAYS = Outcome(Case(COROTATIONAL, 1e6, 1 / 30, IMPACT), True, 1.0, 1.0, 0.5, "", HELD)
 LOST = replace(STAYS, survives=False, gain=3e4, error=np.inf, warning="BADQACC", evidence=replace(HELD, end=None))
 
@@ -103,6 +103,11 @@ LOST = replace(STAYS, survives=False, gain=3e4, error=np.inf, warning="BADQACC",
             "h²K/m reaches 3.0e+12, its rounding errors 6.0e-02 of the mass; "
             "energy × 3e+04 until it is lost at step 500",
         ),
+        (
+            replace(LOST, evidence=replace(LOST.evidence, rounding=0.06, spins=3)),
+            SPUN,
+            "a rigid frame turns 0.5 rad a step from step 3 on; energy × 3e+04 until it is lost at step 500 (BADQACC)",
+        ),
         (LOST, GREW, "energy × 3e+04 until it is lost at step 500 (BADQACC); h²K/m = 1.0e+06"),
         (
             replace(STAYS, evidence=replace(HELD, end=replace(CALM, inverted=(0, 51)))),
@@ -117,7 +122,7 @@ LOST = replace(STAYS, survives=False, gain=3e4, error=np.inf, warning="BADQACC",
             "after 1 s with 2.0e-01 lengths/s and forces of 3.0e-04 E ℓ²; shape error 0.1, 0.5 at half of that time",
         ),
     ],
-    ids=["passed", "digits", "grew", "inverted", "folded", "moving"],
+    ids=["passed", "digits", "spun", "grew", "inverted", "folded", "moving"],
 )
 def test_reasons_are_told_from_what_was_measured(outcome: Outcome, kind: str, numbers: str) -> None:
     assert reason(outcome) == Reason(kind, numbers)

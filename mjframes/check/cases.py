@@ -34,12 +34,13 @@ DISTURBANCES = (*FREE, IMPACT, HEAVY, LIGHT)
 
 @dataclass(frozen=True)
 class Kind:
-    """A body but for its stiffness. frames: their types.  two: materials, half and half."""
+    """A body but for its stiffness. frames: their types.  two: materials, half and half.  integrator: MuJoCo's."""
 
     name: str
     law: str = COROTATIONAL
     frames: str | tuple[str, ...] = "affine"
     two: bool = False
+    integrator: str = "Euler"
 
 
 MIXED = ("rigid", "affine", "quadratic")
@@ -53,6 +54,8 @@ KINDS = (
     Kind("point frames", frames="point"),
     Kind("stiffness 1 : 10⁹", two=True),
     Kind("stiffness 1 : 10⁹, neo-hookean", "neo_hookean", two=True),
+    Kind("rigid frames", frames="rigid"),
+    Kind("rigid frames, implicit", frames="rigid", integrator="implicit"),
 )
 
 

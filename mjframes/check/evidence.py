@@ -11,6 +11,8 @@ from mjframes.check.cases import CENTRES, LENGTH, VOLUME
 from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.view import Soft
 
+FAST = 0.5  # [rad] a step, at which a single free body of MuJoCo's is lost in 65 steps of its Euler integrator
+
 
 @dataclass(frozen=True)
 class End:
@@ -37,6 +39,7 @@ class Evidence:
     """steps: taken in all.  time: they took [s].  stiffness: the largest h²K/m found [-].
     rounding: what that may leave in the solution of a step, nv ε h²K/m [-].
     depth: deepest that the bar's middle was found below the floor, to its length [-].
+    spins: the first step at which a rigid frame turned faster than FAST, 0 if none did.
     end: None where the body was lost before.
     """
 
@@ -45,6 +48,7 @@ class Evidence:
     stiffness: float
     rounding: float
     depth: float
+    spins: int
     end: End | None
 
 
@@ -53,6 +57,13 @@ def stiffness_ratio(view: Soft) -> float:
     model, data = view.model, view.data
     diagonal = data.M[model.M_rowadr + model.M_rownnz - 1]
     return float((diagonal / model.dof_M0).max())
+
+
+def turn(view: Soft) -> float:
+    """The largest angle that a rigid frame turns by in a step, to its parent [rad]."""
+    model, data = view.model, view.data
+    balls = model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_BALL]
+    return float(model.opt.timestep * np.linalg.norm(data.qvel[balls[:, None] + np.arange(3)], axis=1).max(initial=0))
 
 
 def rounding(view: Soft, stiffness: float) -> float:

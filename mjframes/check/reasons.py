@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mjframes.check.cases import LENGTH
+from mjframes.check.evidence import FAST
 from mjframes.check.trial import BALANCED, IMPACT_SPEED, Outcome
 
 DEEP = 1.0  # [-] lengths of the bar that its middle is below the floor, where it has passed it
 ROUNDED = 1e-3  # [-] of the mass, lost to rounding errors of h²K
 
 PASSED = "passed the floor: one step goes through it, and what pushes the bar out again deforms it as much in the next"
+SPUN = "spun up: a rigid frame turns so far in a step that gyroscopic torques, held over the step, give it energy"
 DIGITS = "lost digits: rounding errors of h²K are no longer small beside the mass"
 GREW = "gained energy from step to step"
 INVERTED = "rests inverted: elastic forces vanish with voxels turned inside out, another minimum of the energy"
@@ -18,7 +20,7 @@ FOLDED = "rests in another shape: elastic forces vanish with no voxel turned ins
 MOVING = "is still moving when its time is up"
 
 
-LETTERS = {PASSED: "P", DIGITS: "D", GREW: "G", INVERTED: "I", FOLDED: "O", MOVING: "M"}  # of the map
+LETTERS = {PASSED: "P", SPUN: "S", DIGITS: "D", GREW: "G", INVERTED: "I", FOLDED: "O", MOVING: "M"}  # of the map
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ def _of_lost(outcome: Outcome) -> Reason:
     if evidence.depth > DEEP:
         reach = case.timestep * IMPACT_SPEED / LENGTH
         return Reason(PASSED, f"its middle {evidence.depth:.3g} lengths deep, {reach:.3g} lengths a step; {grown}")
+    if evidence.spins:
+        return Reason(SPUN, f"a rigid frame turns {FAST} rad a step from step {evidence.spins} on; {grown}")
     if evidence.rounding > ROUNDED:
         return Reason(
             DIGITS,

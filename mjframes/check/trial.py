@@ -13,7 +13,7 @@ import numpy as np
 
 from mjframes.body import SoftBody
 from mjframes.check.cases import FREE, HEAVY, IMPACT, LENGTH, LIGHT, Case, body
-from mjframes.check.evidence import End, Evidence, measure_end, rounding, stiffness_ratio
+from mjframes.check.evidence import FAST, End, Evidence, measure_end, rounding, stiffness_ratio, turn
 from mjframes.check.states import move_points, move_with
 from mjframes.mjcf import attach
 from mjframes.view import Soft, soft
@@ -36,7 +36,8 @@ RESTING = 1e-5  # [-] of that, where it is no use to wait
 
 WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
-SCENE = """<mujoco><option gravity="0 0 {gravity}" timestep="{timestep}"/><worldbody>{things}</worldbody></mujoco>"""
+SCENE = """<mujoco><option gravity="0 0 {gravity}" timestep="{timestep}" integrator="{integrator}"/>
+<worldbody>{things}</worldbody></mujoco>"""
 FLOOR = '<geom type="plane" size="1 1 .1" priority="1" solref="{time} 1"/>'
 WEIGHT = """<body name="weight" pos="0 0 {height}"><freejoint/>
 <geom type="box" size="{size} {size} {half}" mass="{mass}" priority="2" solref="{time} 1"/></body>"""
@@ -71,7 +72,7 @@ def run(case: Case) -> Outcome:
     view = soft(model, data, "soft")
     _disturb(case, model, data, view)
     mujoco.mj_forward(model, data)
-    energies, stiffness, depth = [_energy(view)], stiffness_ratio(view), 0.0
+    energies, stiffness, depth, spins = [_energy(view)], stiffness_ratio(view), 0.0, 0
     steps = int(np.clip(np.pi / case.frequency / case.timestep, *FREE_STEPS))
     alive, number = True, 0
     for number in range(1, steps + 1):
@@ -83,13 +84,15 @@ def run(case: Case) -> Outcome:
             mujoco.mj_forward(model, data)
             energies.append(_energy(view))
             stiffness = max(stiffness, stiffness_ratio(view))
+            if not spins and turn(view) > FAST:
+                spins = number
             depth = max(depth, _depth(case, view))
     error, damped, end = _relax(case, made, view) if alive else (np.inf, 0, None)
     motion, elastic = np.transpose(energies)
     start = motion[0] + elastic[0]
     gain, moving = (motion + elastic).max() / start, motion.max() / start
     number += damped
-    evidence = Evidence(number, number * case.timestep, stiffness, rounding(view, stiffness), depth, end)
+    evidence = Evidence(number, number * case.timestep, stiffness, rounding(view, stiffness), depth, spins, end)
     return Outcome(case, end is not None, float(gain), float(moving), float(error), _warning(data), evidence)
 
 
@@ -139,7 +142,8 @@ def _scene(case: Case, made: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:
     if weight:
         things += WEIGHT.format(height=LENGTH, size=LENGTH, half=LENGTH / 4, mass=weight, time=time)
     gravity = -GRAVITY if weight else 0
-    spec = mujoco.MjSpec.from_string(SCENE.format(gravity=gravity, timestep=case.timestep, things=things))
+    options = {"gravity": gravity, "timestep": case.timestep, "integrator": case.kind.integrator}
+    spec = mujoco.MjSpec.from_string(SCENE.format(things=things, **options))
     attach(spec.worldbody, made, "soft", (-LENGTH / 2, -LENGTH / 4, GAP), contact=loaded)
     model = spec.compile()
     return model, mujoco.MjData(model)
