@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from mjframes import check
 from mjframes.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, LENGTH, Case, Kind, body
-from mjframes.check.evidence import End, Evidence, measure_end, rounding, stiffness_ratio
+from mjframes.check.evidence import FAST, End, Evidence, measure_end, rounding, stiffness_ratio
 from mjframes.check.map import draw
 from mjframes.check.reasons import DIGITS, FOLDED, GREW, INVERTED, MOVING, PASSED, SPUN, Reason, reason
 from mjframes.check.report import failures, heading, table
@@ -141,6 +141,32 @@ def test_an_impact_of_many_lengths_a_step_passes_the_floor() -> None:
     assert not lost.survives
     assert lost.evidence.depth > 50
     assert reason(lost).kind == PASSED
+
+
+SPINNING = """<mujoco><option gravity="0 0 0" timestep=".01" integrator="{}"/><worldbody><body><freejoint/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 3.6 4"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("integrator", "most"), [("Euler", np.inf), ("implicit", 1.0)])
+def test_half_a_radian_a_step_is_too_fast_for_a_single_body_and_euler(integrator: str, most: float) -> None:
+    model = mujoco.MjModel.from_xml_string(SPINNING.format(integrator))
+    data = mujoco.MjData(model)
+    data.qvel[3:] = np.array([0.6, 0.64, 0.48]) * FAST / model.opt.timestep
+    energies = []
+    while len(energies) < 100 and not data.warning[mujoco.mjtWarning.mjWARN_BADQVEL].number:
+        energies.append(0.5 * model.body_inertia[1] @ data.qvel[3:] ** 2)
+        mujoco.mj_step(model, data)
+    assert (max(energies) / energies[0] > 1e3) == (most == np.inf)
+    assert max(energies) <= most * energies[0]
+
+
+def test_rigid_frames_that_spin_up_return_with_implicit() -> None:
+    spun, returns = (
+        run(Case(BY_NAME[kind], 1e6, 1 / 30, "stretched 10×")) for kind in ("rigid frames", "rigid frames, implicit")
+    )
+    assert reason(spun).kind == SPUN
+    assert returns.recovers
+    assert returns.gain < 1.001
 
 
 def test_what_rests_turned_inside_out_between_its_points_is_told() -> None:
