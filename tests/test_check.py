@@ -84,7 +84,7 @@ def test_shape_error() -> None:
 
 
 CALM = End(force=1e-7, speed=0.0, energy=0.08, inverted=(0, 0), samples=40, voxels=432, earlier=0.5)
-HELD = Evidence(steps=500, time=1.0, stiffness=1e6, rounding=1e-8, depth=0.0, spins=0, end=CALM)
+HELD = Evidence(steps=500, time=1.0, stiffness=1e6, rounding=1e-8, depth=0.0, sank=0, spun=0, end=CALM)
 STAYS = Outcome(Case(COROTATIONAL, 1e6, 1 / 30, IMPACT), True, 1.0, 1.0, 0.5, "", HELD)
 LOST = replace(STAYS, survives=False, gain=3e4, error=np.inf, warning="BADQACC", evidence=replace(HELD, end=None))
 
@@ -93,9 +93,10 @@ LOST = replace(STAYS, survives=False, gain=3e4, error=np.inf, warning="BADQACC",
     ("outcome", "kind", "numbers"),
     [
         (
-            replace(LOST, evidence=replace(LOST.evidence, depth=88.8, rounding=1.0)),
+            replace(LOST, evidence=replace(LOST.evidence, depth=88.8, sank=1, spun=1, rounding=1.0)),
             PASSED,
-            "its middle 88.8 lengths deep, 191 lengths a step; energy × 3e+04 until it is lost at step 500 (BADQACC)",
+            "its middle 88.8 lengths deep, by one from step 1 on, 191 lengths a step; "
+            "energy × 3e+04 until it is lost at step 500 (BADQACC)",
         ),
         (
             replace(LOST, warning="", evidence=replace(LOST.evidence, stiffness=3e12, rounding=0.06)),
@@ -104,7 +105,7 @@ LOST = replace(STAYS, survives=False, gain=3e4, error=np.inf, warning="BADQACC",
             "energy × 3e+04 until it is lost at step 500",
         ),
         (
-            replace(LOST, evidence=replace(LOST.evidence, rounding=0.06, spins=3)),
+            replace(LOST, evidence=replace(LOST.evidence, rounding=0.06, depth=9.0, sank=5, spun=3)),
             SPUN,
             "a rigid frame turns 0.5 rad a step from step 3 on; energy × 3e+04 until it is lost at step 500 (BADQACC)",
         ),
@@ -133,7 +134,7 @@ def test_failures_are_gathered_by_reason() -> None:
         FOLDED: [(STAYS.case, reason(STAYS).numbers)] * 2,
         GREW: [(LOST.case, reason(LOST).numbers)],
     }
-    assert heading(GREW, [LOST]) == "1 run gained energy from step to step"
+    assert heading(GREW, [LOST]) == "1 run: gained energy from step to step"
 
 
 def test_an_impact_of_many_lengths_a_step_passes_the_floor() -> None:

@@ -11,6 +11,7 @@ from mjframes.check.cases import CENTRES, LENGTH, VOLUME
 from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.view import Soft
 
+DEEP = 1.0  # [-] lengths of the bar
 FAST = 0.5  # [rad] a step, at which a single free body of MuJoCo's is lost in 65 steps of its Euler integrator
 
 
@@ -39,7 +40,7 @@ class Evidence:
     """steps: taken in all.  time: they took [s].  stiffness: the largest h²K/m found [-].
     rounding: what that may leave in the solution of a step, nv ε h²K/m [-].
     depth: deepest that the bar's middle was found below the floor, to its length [-].
-    spins: the first step at which a rigid frame turned faster than FAST, 0 if none did.
+    sank, spun: the first step at which it was DEEP below, and a rigid frame turned faster than FAST; 0 if none did.
     end: None where the body was lost before.
     """
 
@@ -48,7 +49,8 @@ class Evidence:
     stiffness: float
     rounding: float
     depth: float
-    spins: int
+    sank: int
+    spun: int
     end: End | None
 
 

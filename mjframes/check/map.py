@@ -98,7 +98,7 @@ def _legend(figure: Figure, outcomes: Sequence[Outcome], wide: bool) -> None:
         if kind in found:
             words = kind.partition(":")[0]
             keys.append(Line2D([], [], color="black", marker=f"${letter}$", linestyle="", label=words))
-    figure.legend(handles=keys, loc="outside lower center", ncols=6 if wide else 2, fontsize=9, frameon=False)
+    figure.legend(handles=keys, loc="outside lower center", ncols=7 if wide else 2, fontsize=9, frameon=False)
 
 
 def _state(outcome: Outcome) -> int:

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mjframes.check.cases import LENGTH
+from mjframes.check.cases import IMPACT, LENGTH
 from mjframes.check.evidence import FAST
 from mjframes.check.trial import BALANCED, IMPACT_SPEED, Outcome
 
-DEEP = 1.0  # [-] lengths of the bar that its middle is below the floor, where it has passed it
 ROUNDED = 1e-3  # [-] of the mass, lost to rounding errors of h²K
 
-PASSED = "passed the floor: one step goes through it, and what pushes the bar out again deforms it as much in the next"
-SPUN = "spun up: a rigid frame turns so far in a step that gyroscopic torques, held over the step, give it energy"
+PASSED = "passed the floor: deep in it when a step finds the contact, and what pushes it out deforms it as much again"
+SPUN = "spun up: a rigid frame turns so far in a step that torques held over the step give it energy"
 DIGITS = "lost digits: rounding errors of h²K are no longer small beside the mass"
 GREW = "gained energy from step to step"
 INVERTED = "rests inverted: elastic forces vanish with voxels turned inside out, another minimum of the energy"
 FOLDED = "rests in another shape: elastic forces vanish with no voxel turned inside out"
-MOVING = "is still moving when its time is up"
-
+MOVING = "still moving when the time is up"
 
 LETTERS = {PASSED: "P", SPUN: "S", DIGITS: "D", GREW: "G", INVERTED: "I", FOLDED: "O", MOVING: "M"}  # of the map
 
@@ -41,11 +39,12 @@ def _of_lost(outcome: Outcome) -> Reason:
     grown = f"energy × {outcome.gain:.2g} until it is lost at step {evidence.steps}"
     if outcome.warning:
         grown += f" ({outcome.warning})"
-    if evidence.depth > DEEP:
-        reach = case.timestep * IMPACT_SPEED / LENGTH
-        return Reason(PASSED, f"its middle {evidence.depth:.3g} lengths deep, {reach:.3g} lengths a step; {grown}")
-    if evidence.spins:
-        return Reason(SPUN, f"a rigid frame turns {FAST} rad a step from step {evidence.spins} on; {grown}")
+    if evidence.sank and (not evidence.spun or evidence.sank <= evidence.spun):
+        deep = f"{evidence.depth:.3g} lengths deep, by one from step {evidence.sank} on"
+        reach = f", {case.timestep * IMPACT_SPEED / LENGTH:.3g} lengths a step" if case.disturbance == IMPACT else ""
+        return Reason(PASSED, f"its middle {deep}{reach}; {grown}")
+    if evidence.spun:
+        return Reason(SPUN, f"a rigid frame turns {FAST} rad a step from step {evidence.spun} on; {grown}")
     if evidence.rounding > ROUNDED:
         return Reason(
             DIGITS,

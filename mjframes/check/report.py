@@ -52,7 +52,7 @@ def failures(outcomes: Iterable[Outcome]) -> dict[str, list[tuple[Case, str]]]:
 
 def heading(kind: str, runs: Sequence[object]) -> str:
     """Of the failures of one kind."""
-    return f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} {kind}"
+    return f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}: {kind}"
 
 
 def write(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mjframes.body import SoftBody
 from mjframes.check.cases import FREE, HEAVY, IMPACT, LENGTH, LIGHT, Case, body
-from mjframes.check.evidence import FAST, End, Evidence, measure_end, rounding, stiffness_ratio, turn
+from mjframes.check.evidence import DEEP, FAST, End, Evidence, measure_end, rounding, stiffness_ratio, turn
 from mjframes.check.states import move_points, move_with
 from mjframes.mjcf import attach
 from mjframes.view import Soft, soft
@@ -72,7 +72,7 @@ def run(case: Case) -> Outcome:
     view = soft(model, data, "soft")
     _disturb(case, model, data, view)
     mujoco.mj_forward(model, data)
-    energies, stiffness, depth, spins = [_energy(view)], stiffness_ratio(view), 0.0, 0
+    energies, stiffness, depth, sank, spun = [_energy(view)], stiffness_ratio(view), 0.0, 0, 0
     steps = int(np.clip(np.pi / case.frequency / case.timestep, *FREE_STEPS))
     alive, number = True, 0
     for number in range(1, steps + 1):
@@ -84,15 +84,15 @@ def run(case: Case) -> Outcome:
             mujoco.mj_forward(model, data)
             energies.append(_energy(view))
             stiffness = max(stiffness, stiffness_ratio(view))
-            if not spins and turn(view) > FAST:
-                spins = number
             depth = max(depth, _depth(case, view))
+            sank = sank or number * (depth > DEEP)
+            spun = spun or number * (turn(view) > FAST)
     error, damped, end = _relax(case, made, view) if alive else (np.inf, 0, None)
     motion, elastic = np.transpose(energies)
     start = motion[0] + elastic[0]
     gain, moving = (motion + elastic).max() / start, motion.max() / start
     number += damped
-    evidence = Evidence(number, number * case.timestep, stiffness, rounding(view, stiffness), depth, spins, end)
+    evidence = Evidence(number, number * case.timestep, stiffness, rounding(view, stiffness), depth, sank, spun, end)
     return Outcome(case, end is not None, float(gain), float(moving), float(error), _warning(data), evidence)
 
 
