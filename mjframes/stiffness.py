@@ -87,7 +87,7 @@ def region_stiffness(
         shows_rotations((g / total).reshape(-1, 3), control.rest[some])
         for g, total, some in zip(gradients, moduli, points, strict=True)
     ]
-    return Stiffness(tuple(points), tuple(mean), tuple(matrices), volume)
+    return Stiffness(tuple(points), tuple(mean), tuple(map(blind_to_translations, matrices)), volume)
 
 
 def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -98,6 +98,18 @@ def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) ->
     offset = rest - rest.mean(axis=0)
     missing = np.eye(3) - rest.T @ gradient
     return gradient + offset @ np.linalg.pinv(offset.T @ offset, rcond=1e-9, hermitian=True) @ missing
+
+
+def blind_to_translations(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """K_e (3m, 3m) without the forces on common translations of all points, which are rounding errors.
+
+    Relaxation leaves 1e-11 of K_e. Where h²K/m is as much, they would push a free body around.
+    """
+    blocks = matrix.reshape(len(matrix) // 3, 3, -1, 3)
+    blocks = blocks - blocks.mean(axis=0)
+    blocks = blocks - blocks.mean(axis=2, keepdims=True)
+    centred = blocks.reshape(matrix.shape)
+    return 0.5 * (centred + centred.T)
 
 
 def _is_uniform(control: ControlPoints, frames: NDArray[np.int64]) -> bool:

@@ -22,7 +22,7 @@ def main(folder: Path, quick: bool = False) -> int:
     from rich.console import Console
     from rich.progress import Progress
 
-    from mjframes.check.report import failures, summary, table, write
+    from mjframes.check.report import failures, heading, summary, table, write
 
     cases = few_cases() if quick else all_cases()
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
@@ -33,8 +33,8 @@ def main(folder: Path, quick: bool = False) -> int:
         console.width = 160  # a pipe's 80 columns would break the table
     console.print(table(outcomes))
     console.print(summary(outcomes), highlight=False)
-    for line in failures(outcomes):
-        console.print(f"- {line.partition(' (')[0]}.", highlight=False, soft_wrap=True)
+    for kind, runs in failures(outcomes).items():
+        console.print(f"- {heading(kind, runs)}.", highlight=False, soft_wrap=True)
     for path in write(outcomes, folder):
         print(path)
     return 0

@@ -18,6 +18,8 @@ from mjframes.volume import Volume
 
 SHAPE, SPACING = (12, 6, 6), 5e-4  # voxels, [m]
 LENGTH = SHAPE[0] * SPACING  # [m]
+VOLUME = SHAPE[0] * SHAPE[1] * SHAPE[2] * SPACING**3  # [m³]
+CENTRES = (np.argwhere(np.ones(SHAPE)) + 0.5) * SPACING  # (n, 3) of the voxels [m]
 DENSITY, POISSON = 1000.0, 0.4  # [kg/m³], [-]
 FRAMES, REGIONS = 3, 4
 RATIO = 1e9  # [-] of the stiffness of the bar's halves, where they differ
@@ -32,12 +34,13 @@ DISTURBANCES = (*FREE, IMPACT, HEAVY, LIGHT)
 
 @dataclass(frozen=True)
 class Kind:
-    """A body but for its stiffness. frames: their types.  two: materials, half and half."""
+    """A body but for its stiffness. frames: their types.  two: materials, half and half.  integrator: MuJoCo's."""
 
     name: str
     law: str = COROTATIONAL
     frames: str | tuple[str, ...] = "affine"
     two: bool = False
+    integrator: str = "Euler"
 
 
 MIXED = ("rigid", "affine", "quadratic")
@@ -51,6 +54,8 @@ KINDS = (
     Kind("point frames", frames="point"),
     Kind("stiffness 1 : 10⁹", two=True),
     Kind("stiffness 1 : 10⁹, neo-hookean", "neo_hookean", two=True),
+    Kind("rigid frames", frames="rigid"),
+    Kind("rigid frames, implicit", frames="rigid", integrator="implicit"),
 )
 
 

@@ -1,33 +1,70 @@
-"""Why a run does not survive or recover, from what is known of it."""
+"""Why a run does not survive or recover, told from what was measured of it."""
 
 from __future__ import annotations
 
-from mjframes.check.cases import DENSITY, FRAMES, IMPACT, LENGTH, Case
-from mjframes.check.trial import IMPACT_SPEED, Outcome
+from dataclasses import dataclass
 
-LENGTHS = 10  # of the bar that an impact may go in a step
-DIGITS = 1e9  # [-] h²K/m above which the rigid motion has lost seven of sixteen digits
+from mjframes.check.cases import IMPACT, LENGTH
+from mjframes.check.evidence import FAST
+from mjframes.check.trial import BALANCED, IMPACT_SPEED, Outcome
 
-STIFF = "h²K/m is above 1e9, so that M + h²K holds few digits of M: the pivots of its LᵀDL that belong to rigid \
-motions are differences of numbers that much larger"
-DEEP = f"at {IMPACT_SPEED:.0f} m/s the bar is many of its lengths deep in the floor when a step first finds the \
-contact, and what pushes it out deforms it as much in the next"
-OTHER = "it rests in another shape: its elastic forces vanish there too, another minimum of the energy, folded or \
-with material turned inside out"
-SLOW = "it is on its way, the forces on it have not vanished when the time is up"
-UNKNOWN = "unexplained"
+ROUNDED = 1e-3  # [-] of the mass, lost to rounding errors of h²K
 
+PASSED = "passed the floor: deep in it when a step finds the contact, and what pushes it out deforms it as much again"
+SPUN = "spun up: a rigid frame turns so far in a step that torques held over the step give it energy"
+DIGITS = "lost digits: rounding errors of h²K are no longer small beside the mass"
+GREW = "gained energy from step to step"
+INVERTED = "rests inverted: elastic forces vanish with voxels turned inside out, another minimum of the energy"
+FOLDED = "rests in another shape: elastic forces vanish with no voxel turned inside out"
+MOVING = "still moving when the time is up"
 
-def reason(outcome: Outcome) -> str:
-    """One sentence."""
-    case = outcome.case
-    if outcome.survives:
-        return OTHER if outcome.balanced else SLOW
-    if case.disturbance == IMPACT and case.timestep * IMPACT_SPEED > LENGTHS * LENGTH:
-        return DEEP
-    return STIFF if stiffness_ratio(case) > DIGITS else UNKNOWN
+LETTERS = {PASSED: "P", SPUN: "S", DIGITS: "D", GREW: "G", INVERTED: "I", FOLDED: "O", MOVING: "M"}  # of the map
 
 
-def stiffness_ratio(case: Case) -> float:
-    """h²K/m of a frame [-]: K = E ℓ, m = ρ ℓ³, ℓ its part of the bar's length."""
-    return case.timestep**2 * case.stiffest / (DENSITY * (LENGTH / FRAMES) ** 2)
+@dataclass(frozen=True)
+class Reason:
+    """kind: a sentence that runs share.  numbers: what was measured of this one."""
+
+    kind: str
+    numbers: str
+
+
+def reason(outcome: Outcome) -> Reason:
+    """Of a run that does not recover."""
+    return _of_lost(outcome) if outcome.evidence.end is None else _of_end(outcome)
+
+
+def _of_lost(outcome: Outcome) -> Reason:
+    case, evidence = outcome.case, outcome.evidence
+    grown = f"energy × {outcome.gain:.2g} until it is lost at step {evidence.steps}"
+    if outcome.warning:
+        grown += f" ({outcome.warning})"
+    if evidence.sank and (not evidence.spun or evidence.sank <= evidence.spun):
+        deep = f"{evidence.depth:.3g} lengths deep, by one from step {evidence.sank} on"
+        reach = f", {case.timestep * IMPACT_SPEED / LENGTH:.3g} lengths a step" if case.disturbance == IMPACT else ""
+        return Reason(PASSED, f"its middle {deep}{reach}; {grown}")
+    if evidence.spun:
+        return Reason(SPUN, f"a rigid frame turns {FAST} rad a step from step {evidence.spun} on; {grown}")
+    if evidence.rounding > ROUNDED:
+        return Reason(
+            DIGITS,
+            f"h²K/m reaches {evidence.stiffness:.1e}, its rounding errors {evidence.rounding:.1e} of the mass; {grown}",
+        )
+    return Reason(GREW, f"{grown}; h²K/m = {evidence.stiffness:.1e}")
+
+
+def _of_end(outcome: Outcome) -> Reason:
+    end = outcome.evidence.end
+    assert end is not None
+    shape = f"shape error {outcome.error:.2g}"
+    if end.force > BALANCED:
+        moving = (
+            f"after {outcome.evidence.time:.3g} s with {end.speed:.1e} lengths/s and forces of {end.force:.1e} E ℓ²"
+        )
+        return Reason(MOVING, f"{moving}; {shape}, {end.earlier:.2g} at half of that time")
+    energy = f"elastic energy {end.energy:.1e} E V"
+    points, voxels = end.inverted
+    if points == voxels == 0:
+        return Reason(FOLDED, f"{energy}; {shape}")
+    where = f"{voxels} of {end.voxels} voxels and {points} of {end.samples} points where the law is evaluated"
+    return Reason(INVERTED, f"det F < 0 at {where}, {energy}; {shape}")

@@ -13,6 +13,7 @@ import numpy as np
 
 from mjframes.body import SoftBody
 from mjframes.check.cases import FREE, HEAVY, IMPACT, LENGTH, LIGHT, Case, body
+from mjframes.check.evidence import DEEP, FAST, End, Evidence, measure_end, rounding, stiffness_ratio, turn
 from mjframes.check.states import move_points, move_with
 from mjframes.mjcf import attach
 from mjframes.view import Soft, soft
@@ -22,18 +23,21 @@ IMPACT_SPEED = (2 * 1e4 * GRAVITY * LENGTH) ** 0.5  # [m/s] stopped on one lengt
 CONTACT_TIME = 1e-3  # [s] of the contact's spring; MuJoCo makes it two steps at least
 GAP = 1e-4  # [m] to the floor
 FREE_STEPS = (100, 1000)  # of the undamped part, at least and at most; half a period between
-DAMPED_STEPS = (400, 40_000)  # of the damped part; ten periods between
-PERIODS = 10.0
+DAMPED_STEPS = (1000, 160_000)  # of the damped part; forty periods between
+PERIODS = 40.0
 LEAST_DECAY = 0.98  # [-] of velocities in a damped step
-LOOKS = 60  # at the energy in the undamped part, beside each of as many first steps, and at the shape in the damped one
-CALM = 4  # good looks at the shape, one after another
+LOOKS = 60  # at the energy in the undamped part, beside each of as many first steps
+DAMPED_LOOKS = 240  # at the shape in the damped part
+CALM = 4  # good looks at the shape, or at a body that rests in another one, one after another
 BOUND = 1e4  # [m] beyond which a body has not survived
 RECOVERED = 0.02  # [-] of the bar's length
 BALANCED = 1e-4  # [-] of E times the bar's length squared: elastic forces below are none
+RESTING = 1e-5  # [-] of that, where it is no use to wait
 
 WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
-SCENE = """<mujoco><option gravity="0 0 {gravity}" timestep="{timestep}"/><worldbody>{things}</worldbody></mujoco>"""
+SCENE = """<mujoco><option gravity="0 0 {gravity}" timestep="{timestep}" integrator="{integrator}"/>
+<worldbody>{things}</worldbody></mujoco>"""
 FLOOR = '<geom type="plane" size="1 1 .1" priority="1" solref="{time} 1"/>'
 WEIGHT = """<body name="weight" pos="0 0 {height}"><freejoint/>
 <geom type="box" size="{size} {size} {half}" mass="{mass}" priority="2" solref="{time} 1"/></body>"""
@@ -45,7 +49,7 @@ class Outcome:
 
     survives: finite, within bounds, no warning of MuJoCo.  gain: largest energy to that of the start [-];
     motion: its part that is not elastic.  error: of the shape at the end, to the bar's length [-].
-    balanced: whether elastic forces have vanished at the end.  warning: MuJoCo's.
+    warning: MuJoCo's.  evidence: what else was measured.
     """
 
     case: Case
@@ -53,8 +57,8 @@ class Outcome:
     gain: float
     motion: float
     error: float
-    balanced: bool
     warning: str
+    evidence: Evidence
 
     @property
     def recovers(self) -> bool:
@@ -68,9 +72,9 @@ def run(case: Case) -> Outcome:
     view = soft(model, data, "soft")
     _disturb(case, model, data, view)
     mujoco.mj_forward(model, data)
-    energies = [_energy(view)]
+    energies, stiffness, depth, sank, spun = [_energy(view)], stiffness_ratio(view), 0.0, 0, 0
     steps = int(np.clip(np.pi / case.frequency / case.timestep, *FREE_STEPS))
-    alive = True
+    alive, number = True, 0
     for number in range(1, steps + 1):
         mujoco.mj_step(model, data)
         if number <= LOOKS or number % max(1, steps // LOOKS) == 0:
@@ -79,35 +83,46 @@ def run(case: Case) -> Outcome:
                 break
             mujoco.mj_forward(model, data)
             energies.append(_energy(view))
-    error = _relax(case, made, view) if alive else np.inf
-    alive = alive and _alive(view)
+            stiffness = max(stiffness, stiffness_ratio(view))
+            depth = max(depth, _depth(case, view))
+            sank = sank or number * (depth > DEEP)
+            spun = spun or number * (turn(view) > FAST)
+    error, damped, end = _relax(case, made, view) if alive else (np.inf, 0, None)
     motion, elastic = np.transpose(energies)
     start = motion[0] + elastic[0]
-    balanced = alive and _force(view) < BALANCED * case.young * LENGTH**2
     gain, moving = (motion + elastic).max() / start, motion.max() / start
-    return Outcome(case, alive, float(gain), float(moving), float(error), bool(balanced), _warning(data))
+    number += damped
+    evidence = Evidence(number, number * case.timestep, stiffness, rounding(view, stiffness), depth, sank, spun, end)
+    return Outcome(case, end is not None, float(gain), float(moving), float(error), _warning(data), evidence)
 
 
-def _relax(case: Case, made: SoftBody, view: Soft) -> float:
-    """The shape's error at the end of the damped part."""
+def _relax(case: Case, made: SoftBody, view: Soft) -> tuple[float, int, End | None]:
+    """The shape's error at the end of the damped part, its number of steps, and what else is measured there."""
     model, data = view.model, view.data
     model.opt.gravity[:] = 0
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     decay = max(np.exp(-case.frequency * case.timestep), LEAST_DECAY)
     steps = int(np.clip(PERIODS * 2 * np.pi / case.frequency / case.timestep, *DAMPED_STEPS))
-    calm, error = 0, np.inf
-    for number in range(1, steps + 1):
-        mujoco.mj_step(model, data)
-        data.qvel *= decay
-        if number % (steps // LOOKS) == 0:
-            if not _alive(view):
-                return np.inf
-            mujoco.mj_kinematics(model, data)
-            error = shape_error(made, view.control_positions)
-            calm = calm + 1 if error < RECOVERED else 0
-            if calm == CALM:
-                break
-    return error
+    stride = max(1, steps // DAMPED_LOOKS)
+    calm, resting, number, errors = 0, 0, 0, []
+    for number in range(stride, steps + 1, stride):
+        for _ in range(stride):
+            mujoco.mj_step(model, data)
+            data.qvel *= decay
+        if not _alive(view):
+            return np.inf, number, None
+        mujoco.mj_forward(model, data)
+        errors.append(shape_error(made, view.control_positions))
+        calm = calm + 1 if errors[-1] < RECOVERED else 0
+        resting = resting + 1 if _rests(case, view) else 0
+        if CALM in (calm, resting):
+            break
+    return errors[-1], number, measure_end(view, case.young, errors[len(errors) // 2])
+
+
+def _rests(case: Case, view: Soft) -> bool:
+    """Whether no force is left to move it; h K v is one of qfrc_passive, small where nothing moves."""
+    return float(np.abs(view.data.qfrc_passive).max()) < RESTING * case.young * LENGTH**2
 
 
 def shape_error(made: SoftBody, x: np.ndarray) -> float:
@@ -127,7 +142,8 @@ def _scene(case: Case, made: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:
     if weight:
         things += WEIGHT.format(height=LENGTH, size=LENGTH, half=LENGTH / 4, mass=weight, time=time)
     gravity = -GRAVITY if weight else 0
-    spec = mujoco.MjSpec.from_string(SCENE.format(gravity=gravity, timestep=case.timestep, things=things))
+    options = {"gravity": gravity, "timestep": case.timestep, "integrator": case.kind.integrator}
+    spec = mujoco.MjSpec.from_string(SCENE.format(things=things, **options))
     attach(spec.worldbody, made, "soft", (-LENGTH / 2, -LENGTH / 4, GAP), contact=loaded)
     model = spec.compile()
     return model, mujoco.MjData(model)
@@ -170,11 +186,9 @@ def _energy(view: Soft) -> tuple[float, float]:
     return motion, view.elastic_energy
 
 
-def _force(view: Soft) -> float:
-    """The largest elastic force along a degree of freedom; without what a rigid frame's points exert on each other."""
-    view.data.qvel[:] = 0
-    mujoco.mj_forward(view.model, view.data)
-    return float(np.abs(view.data.qfrc_passive).max())
+def _depth(case: Case, view: Soft) -> float:
+    """Of the bar's middle below the floor, to its length [-]."""
+    return 0.0 if case.disturbance in FREE else -float(view.control_positions[:, 2].mean()) / LENGTH
 
 
 def _alive(view: Soft) -> bool:
