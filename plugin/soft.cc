@@ -133,29 +133,14 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
       extent += Dot(region.rest[j], region.rest[j]);
     }
     region.inverse_extent = 1 / std::max(extent, mjMINVAL);
-    const size_t stride = PadToLanes(static_cast<int>(n));
-    region.stiffness.assign(n * stride, 0.0);
+    region.stiffness.resize(n * n);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {
-        region.stiffness[row * stride + col] = region.stiffness[col * stride + row] = stiffness[s++];
-      }
-    }
-    region.blocks.assign(BlockOffset(m), 0.0);
-    for (int j = 0; j < m; j++) {
-      for (int k = 0; k <= j; k++) {
-        for (int e = 0; e < 9; e++) {
-          region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
-              region.stiffness[(3 * j + e / 3) * stride + 3 * k + e % 3];
-        }
+        region.stiffness[row * n + col] = region.stiffness[col * n + row] = stiffness[s++];
       }
     }
     p += m;
     regions.push_back(std::move(region));
-  }
-  std::stable_sort(regions.begin(), regions.end(), [](const Region& a, const Region& b) { return a.point < b.point; });
-  for (size_t e = 0; e < regions.size(); e++) {
-    regions[e].starts = e == 0 || regions[e].point != regions[e - 1].point;
-    regions[e].ends = e + 1 == regions.size() || regions[e].point != regions[e + 1].point;
   }
   return regions;
 }
@@ -383,7 +368,8 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
     body->held_.resize(9 * pairs);
   }
   body->quadrature_scratch_ = std::make_unique<QuadratureScratch>(body->quadrature_);
-  body->scratch_ = std::make_unique<RegionScratch>(largest);
+  body->batches_ = BatchesOf(body->regions_);
+  body->batch_scratch_ = std::make_unique<BatchScratch>(largest);
   if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m);
   return body;
 }
@@ -435,13 +421,9 @@ void SoftBody::AddElasticity() {
   std::fill(force_.begin(), force_.end(), Vec3{});
   std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
   std::fill(held_.begin(), held_.end(), 0.0);
-  // neighbouring regions turn alike, so each starts its rotation from the one before
-  Mat3 R = kIdentity;
-  for (const Region& region : regions_) {
-    R = RegionRotation(region, kinematics_.x().data(), R);
-    AddRegion(region, kinematics_.x().data(), R, scratch_.get(), force_.data(), stiffness ? stiffness_.data() : nullptr,
-              held_.empty() ? nullptr : held_.data());
-  }
+  double* held = held_.empty() ? nullptr : held_.data();
+  AddBatches(batches_, kinematics_.x().data(), batch_scratch_.get(), force_.data(),
+             stiffness ? stiffness_.data() : nullptr, held);
   for (const QuadratureRegion& region : quadrature_) {
     AddQuadratureRegion(region, kinematics_.x().data(), quadrature_scratch_.get(), force_.data(),
                         stiffness ? stiffness_.data() : nullptr);
@@ -473,10 +455,10 @@ const Region& SoftBody::FindRegion(int number) const {
 
 double SoftBody::ElasticEnergy() {
   double energy = 0;
-  Mat3 R = kIdentity;
+  Mat3 R = kIdentity;  // neighbouring regions turn alike, so each starts its rotation from the one before
   for (const Region& region : regions_) {
     R = RegionRotation(region, kinematics_.x().data(), R);
-    energy += RegionEnergy(region, kinematics_.x().data(), R, scratch_.get());
+    energy += RegionEnergy(region, kinematics_.x().data(), R);
   }
   for (const QuadratureRegion& region : quadrature_) {
     energy += QuadratureEnergy(region, kinematics_.x().data(), quadrature_scratch_.get());

@@ -28,6 +28,7 @@
 #include "linear.h"
 #include "patch_volume.h"
 #include "quadrature.h"
+#include "region_batch.h"
 
 namespace mjframes {
 
@@ -76,6 +77,7 @@ class SoftBody {
   double contact_radius_ = 0;                              // [m]
   Kinematics kinematics_;
   std::vector<Region> regions_;               // of the law `corotational`
+  std::vector<RegionBatch> batches_;          // the same, side by side
   std::vector<QuadratureRegion> quadrature_;  // of another law
   double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
   std::vector<Patch> patches_;
@@ -93,7 +95,7 @@ class SoftBody {
   std::vector<double> stiffness_;   // K, 3×3 row-major block a pair
   std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
   std::vector<double> added_mass_;  // of each pair: h α m + mass difference
-  std::unique_ptr<RegionScratch> scratch_;
+  std::unique_ptr<BatchScratch> batch_scratch_;
   std::unique_ptr<QuadratureScratch> quadrature_scratch_;
   std::unique_ptr<ContactScratch> contact_scratch_;
 };
