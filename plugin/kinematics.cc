@@ -140,6 +140,7 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     turning_ = turning_ || (point.node >= 0 && point.offset);
     point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
   }
+  replaces_ = !turning_ && OwnsInertia(m, instance);
   free_ = !nodes_.empty();
   for (const ControlPoint& point : points_) free_ = free_ && point.node >= 0;
   for (const Node& node : nodes_) free_ = free_ && (node.parent >= 0 || &node == nodes_.data());
@@ -147,6 +148,22 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   slide_.resize(nodes_.size());
   twist_.assign(6 * twists, 0.0);
   motion_.resize(6 * nodes_.size());
+}
+
+// Whether neither actuators or tendons with armature nor the points of another instance add to the nodes' entries of M.
+bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
+  std::vector<bool> own(m->nbody, false);  // nodes and what hangs on them
+  for (const Node& node : nodes_) own[node.body] = true;
+  for (int body = 1; body < m->nbody; body++) {
+    if (!own[body]) own[body] = own[m->body_parentid[body]];
+    const int other = m->body_plugin[body];
+    if (own[body] && other >= 0 && other != instance && m->plugin[other] == m->plugin[instance]) return false;
+  }
+  const auto driven = [m](const Node& node) {
+    const int* actuator = m->jnt_actuatorid + m->body_jntadr[node.body];
+    return std::any_of(actuator, actuator + m->body_jntnum[node.body], [](int id) { return id != -1; });
+  };
+  return m->ntendon == 0 && std::none_of(nodes_.begin(), nodes_.end(), driven);
 }
 
 bool Kinematics::IsAbove(int upper, int lower) const {
@@ -326,9 +343,10 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
   }
 }
 
-void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
-  turning_ ? StoreInertiaOf<6>(stiffness, stiffness_scale, mass, d)
-           : StoreInertiaOf<3>(stiffness, stiffness_scale, mass, d);
+void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
+                              mjData* d) {
+  turning_ ? StoreInertiaOf<6>(stiffness, stiffness_scale, mass, m, d)
+           : StoreInertiaOf<3>(stiffness, stiffness_scale, mass, m, d);
 }
 
 // Row sums of the mass at and below each node, and their moments.
@@ -364,7 +382,8 @@ void StripTranslation(const Share& load, bool rows, double* total) {
 }
 
 template <int N>
-void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
+void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
+                                mjData* d) {
   constexpr int kSize = N * N;
   std::fill(sum_.begin(), sum_.end(), 0.0);
   for (size_t i = 0; i < pairs_.size(); i++) {
@@ -423,7 +442,12 @@ void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale,
             for (int c = 0; c < 6; c++) value[b] += left[c] * Sb[c];
           }
         }
-        for (int b = 0; b < count; b++) d->M[entry[b]] += value[b];
+        for (int b = 0; b < count; b++) {
+          double rigid = d->M[entry[b]];
+          if (replaces_) rigid = a == b ? d->crb[10 * node.body + 9] : 0;
+          d->M[entry[b]] = rigid + value[b];
+        }
+        if (replaces_ && depth == node.depth) d->M[entry[a]] += m->dof_armature[node.dof + a];
         entry += above + a + 1;  // the next row of this node
       }
       if (upper.parent >= 0) first -= nodes_[upper.parent].dofs;

@@ -185,6 +185,16 @@ bool ChangesInertia(const mjModel* m, int instance) {
   return std::strcmp(reader.Text("mode"), "explicit") != 0 || reader.Has("region_mass");
 }
 
+// The kinematic trees whose inertia this plugin's instances change.
+std::vector<bool> ChangedTrees(const mjModel* m, int slot) {
+  std::vector<bool> changed(m->ntree, false);
+  for (int body = 1; body < m->nbody; body++) {
+    const int instance = m->body_plugin[body], tree = m->body_treeid[body];
+    if (instance >= 0 && tree >= 0 && m->plugin[instance] == slot && ChangesInertia(m, instance)) changed[tree] = true;
+  }
+  return changed;
+}
+
 bool CanCollide(const mjModel* m, int a, int b) {
   return (m->geom_contype[a] & m->geom_conaffinity[b]) || (m->geom_contype[b] & m->geom_conaffinity[a]);
 }
@@ -343,14 +353,16 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   }
 
   const int slot = m->plugin[instance];
-  body->starts_inertia_ = body->factors_inertia_ = body->changes_inertia_;
+  body->starts_inertia_ = body->changes_inertia_;
+  bool factors = body->changes_inertia_;
   body->last_ = true;
   for (int other = 0; other < m->nplugin; other++) {
     if (m->plugin[other] != slot || other == instance) continue;
     if (other > instance) body->last_ = false;
     if (!ChangesInertia(m, other)) continue;
-    (other < instance ? body->starts_inertia_ : body->factors_inertia_) = false;
+    (other < instance ? body->starts_inertia_ : factors) = false;
   }
+  if (factors) body->factor_ = std::make_unique<InertiaFactor>(m, ChangedTrees(m, slot));
   const size_t pairs = body->kinematics_.pairs().size();
   body->force_.resize(body->kinematics_.points().size());
   body->velocity_.resize(body->force_.size());
@@ -392,28 +404,45 @@ int SoftBody::FindPatch(int geom) const {
 }
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {
-  const double h = m->opt.timestep;
   const bool awake = !kinematics_.Asleep(m, d);
   if (awake) {
     kinematics_.Gather(m, d);
     AddElasticity();
-    AddDamping(implicit_ ? h + beta_ : beta_);
+    AddDamping(implicit_ ? m->opt.timestep + beta_ : beta_);
     kinematics_.StoreForce(force_, d);
   }
   // compute may run again on the same position: start from the rigid inertia each time
-  if (starts_inertia_) mj_makeM(m, d);
-  if (changes_inertia_ && awake) StoreInertia(h, d);
-  if (factors_inertia_) mj_factorM(m, d);
+  if (starts_inertia_ && AnyAdds(m, d)) mj_makeM(m, d);
+  if (changes_inertia_ && awake) StoreInertia(m, d);
+  if (factor_) FactorInertia(m, d);
   if (last_) WriteContactRows(m, d, contact_scratch_.get());
 }
 
+// Whether an instance adds to d->M what it does not replace.
+bool SoftBody::AnyAdds(const mjModel* m, const mjData* d) {
+  for (int instance = 0; instance < m->nplugin; instance++) {
+    const SoftBody* body = GetSoftBody(m, d, instance);
+    if (body && body->changes_inertia_ && !body->kinematics_.replaces()) return true;
+  }
+  return false;
+}
+
+void SoftBody::FactorInertia(const mjModel* m, mjData* d) {
+  if (m->opt.enableflags & mjENBL_SLEEP) {
+    mj_factorM(m, d);  // knows who is awake
+  } else {
+    factor_->Factor(m, d);
+  }
+}
+
 // d->M += Jᵀ ((h² + h β) K + h α M) J, and the part of the mass that MuJoCo does not know of.
-void SoftBody::StoreInertia(double h, mjData* d) {
+void SoftBody::StoreInertia(const mjModel* m, mjData* d) {
+  const double h = m->opt.timestep;
   for (size_t i = 0; i < mass_.size(); i++) {
     added_mass_[i] = (implicit_ ? h * alpha_ * mass_[i] : 0) + mass_difference_[i];
   }
   kinematics_.StoreInertia(held_.empty() ? stiffness_.data() : held_.data(), implicit_ ? h * (h + beta_) : 0,
-                           added_mass_.data(), d);
+                           added_mass_.data(), m, d);
 }
 
 void SoftBody::AddElasticity() {

@@ -22,6 +22,7 @@
 #include "corotational.h"
 #include "deformed.h"
 #include "distance.h"
+#include "factor.h"
 #include "geom_features.h"
 #include "kinematics.h"
 #include "lattice.h"
@@ -68,13 +69,16 @@ class SoftBody {
   void AssignMass();
   void AddElasticity();
   void AddDamping(double rate);
-  void StoreInertia(double h, mjData* d);
+  static bool AnyAdds(const mjModel* m, const mjData* d);
+  void StoreInertia(const mjModel* m, mjData* d);
+  void FactorInertia(const mjModel* m, mjData* d);
 
   bool implicit_ = true, changes_inertia_ = true;
-  bool starts_inertia_ = false, factors_inertia_ = false;  // first, last of the model's instances that change it
-  bool last_ = false;                                      // of all instances
-  double alpha_ = 0, beta_ = 0;                            // Rayleigh damping [1/s], [s]
-  double contact_radius_ = 0;                              // [m]
+  bool starts_inertia_ = false;            // first of the model's instances that change it
+  std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
+  bool last_ = false;                      // of all instances
+  double alpha_ = 0, beta_ = 0;            // Rayleigh damping [1/s], [s]
+  double contact_radius_ = 0;              // [m]
   Kinematics kinematics_;
   std::vector<Region> regions_;               // of the law `corotational`
   std::vector<RegionBatch> batches_;          // the same, side by side
