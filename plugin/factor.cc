@@ -14,19 +14,33 @@ constexpr int kTile = 4;       // rows that are updated together
 
 int PadToTile(int n) { return (n + kTile - 1 + kWideLanes - 1) / kWideLanes * kWideLanes; }
 
-// row[r] −= Σ_k scaled[k][r] U_k of kRows rows, all as long as the last one, which is the longest.
+// row[r] −= Σ_k scaled[k][r] U_k of kRows rows, in kColumns registers of columns from c on.
+template <int kRows, int kColumns, typename V>
+MJFRAMES_INLINE void UpdateTile(double* const* row, const double* scaled, int stride, double* const* U, int size,
+                                int c) {
+  V sum[kRows][kColumns];
+  for (int r = 0; r < kRows; r++) {
+    for (int n = 0; n < kColumns; n++) sum[r][n] = Load<V>(row[r] + c + n * kWidth<V>);
+  }
+  for (int k = 0; k < size; k++) {
+    V u[kColumns];
+    for (int n = 0; n < kColumns; n++) u[n] = Load<V>(U[k] + c + n * kWidth<V>);
+    for (int r = 0; r < kRows; r++) {
+      for (int n = 0; n < kColumns; n++) sum[r][n] -= scaled[k * stride + r] * u[n];
+    }
+  }
+  for (int r = 0; r < kRows; r++) {
+    for (int n = 0; n < kColumns; n++) Store(sum[r][n], row[r] + c + n * kWidth<V>);
+  }
+}
+
+// The same for all columns of rows that are as long as the last one, which is the longest.
 template <int kRows, typename V>
 MJFRAMES_INLINE void UpdateRows(double* const* row, const double* scaled, int stride, double* const* U, int size,
                                 int length) {
-  for (int c = 0; c < length; c += kWidth<V>) {
-    V sum[kRows];
-    for (int r = 0; r < kRows; r++) sum[r] = Load<V>(row[r] + c);
-    for (int k = 0; k < size; k++) {
-      const V u = Load<V>(U[k] + c);
-      for (int r = 0; r < kRows; r++) sum[r] -= scaled[k * stride + r] * u;
-    }
-    for (int r = 0; r < kRows; r++) Store(sum[r], row[r] + c);
-  }
+  int c = 0;
+  for (; c + kWidth<V> < length; c += 2 * kWidth<V>) UpdateTile<kRows, 2, V>(row, scaled, stride, U, size, c);
+  if (c < length) UpdateTile<kRows, 1, V>(row, scaled, stride, U, size, c);
 }
 
 // Eliminates a chain. U: its rows, `above` entries each before the chain's own; row: those above it.

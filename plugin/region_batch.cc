@@ -206,7 +206,7 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
   }
 }
 
-// N_j and V_j
+// G_j
 template <typename V>
 MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
   const double* product = scratch->product.data();
@@ -221,17 +221,13 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
     }
   }
   for (int j = 0; j < half.batch.size; j++) {
-    V h[3], N[9], correction[9];
+    V h[3], N[9], correction[9], left[9], G[9];
     for (int r = 0; r < 3; r++) h[r] = half.Of(scratch->h.data(), 3 * j + r);
-    for (int r = 0; r < 3; r++) {  // a row times [h]×
-      const V* row = inverse + 3 * r;
-      Cross3(row, h, N + 3 * r);
-    }
+    for (int r = 0; r < 9; r += 3) Cross3(inverse + r, h, N + r);  // a row times [h]×
     MulT3(N, ZU, correction);
-    for (int e = 0; e < 9; e++) {
-      half.Put(N[e], scratch->n.data(), 9 * j + e);
-      half.Put(half.Of(product, 12 * j + 3 + 3 * (e % 3) + e / 3) - 0.5 * correction[e], scratch->v.data(), 9 * j + e);
-    }
+    for (int e = 0; e < 9; e++) left[e] = half.Of(product, 12 * j + 3 + 3 * (e % 3) + e / 3) - 0.5 * correction[e];
+    Mul3(left, inverse, G);
+    for (int e = 0; e < 9; e++) half.Put(G[e], scratch->g.data(), 9 * j + e);
   }
 }
 
@@ -264,30 +260,28 @@ MJFRAMES_INLINE void Scatter(const V* block, const int32_t* pair, double* stiffn
   }
 }
 
-// R (K_jk − V_j N_k − N_jᵀ V_kᵀ) Rᵀ of all blocks
+// R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
 template <typename V>
 MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, double* stiffness,
                                   double* held) {
-  const double *N = scratch.n.data(), *W = scratch.v.data();
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
   for (int j = 0; j < half.batch.size; j++) {
-    V Nj[9], Vj[9];
-    for (int e = 0; e < 9; e++) {
-      Nj[e] = half.Of(N, 9 * j + e);
-      Vj[e] = half.Of(W, 9 * j + e);
-    }
+    V Gj[9], hj[3];
+    for (int e = 0; e < 9; e++) Gj[e] = half.Of(scratch.g.data(), 9 * j + e);
+    for (int r = 0; r < 3; r++) hj[r] = half.Of(scratch.h.data(), 3 * j + r);
     for (int k = 0; k <= j; k++, entry += 9, pair += kWideLanes) {
-      V block[9], left[9];
+      V block[9], left[9], Gk[9], hk[3];
+      for (int e = 0; e < 9; e++) Gk[e] = half.Of(scratch.g.data(), 9 * k + e);
+      for (int r = 0; r < 3; r++) hk[r] = half.Of(scratch.h.data(), 3 * k + r);
       for (int r = 0; r < 3; r++) {
+        const int t = (r + 1) % 3, u = (r + 2) % 3;
         for (int s = 0; s < 3; s++) {
-          V sum = half.Of(half.batch.stiffness.data(), entry + 3 * r + s);
-          for (int t = 0; t < 3; t++) {
-            sum -= Vj[3 * r + t] * half.Of(N, 9 * k + 3 * t + s);
-            sum -= Nj[3 * t + r] * half.Of(W, 9 * k + 3 * s + t);
-          }
-          block[3 * r + s] = sum;
+          const int v = (s + 1) % 3, w = (s + 2) % 3;
+          block[3 * r + s] = half.Of(half.batch.stiffness.data(), entry + 3 * r + s) -
+                             (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
+                             (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
         }
       }
       Mul3(R, block, left);
@@ -385,8 +379,7 @@ BatchScratch::BatchScratch(int max_points) {
   z.resize(3 * lanes);
   h.resize(3 * lanes);
   product.resize(12 * lanes);
-  n.resize(9 * lanes);
-  v.resize(9 * lanes);
+  g.resize(9 * lanes);
 }
 
 std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions) {

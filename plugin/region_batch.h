@@ -1,11 +1,11 @@
 // Eight corotated superelements side by side: force and stiffness of corotational.h, one region a lane.
 //
 //   f_j = −R (w_j + h_j × s),   w = K_e y,   s = (A Z)⁻ᵀ Zᵀ w
-//   K_jk = R (K_e,jk − V_j N_k − N_jᵀ V_kᵀ) Rᵀ,   N_j = (A Z)⁻¹ [h_j]×,   V_j = U_j − ½ N_jᵀ (Zᵀ U),   U = K_e Z
+//   K_jk = R (K_e,jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ,   G_j = (U_j − ½ N_jᵀ (Zᵀ U)) (A Z)⁻¹,   U = K_e Z
 //
-// with (Z a)_j = a × z_j and A_j = [h_j]×. Regions of about the same number of points share a batch; where one has
-// fewer than the largest, points without stiffness fill it up.
-// Index letters: j, k control point of the region; lane region.
+// with (Z a)_j = a × z_j, A_j = [h_j]× and N_j = (A Z)⁻¹ [h_j]×. Regions of about the same number of points share a
+// batch; where one has fewer than the largest, points without stiffness fill it up. Index letters: j, k control point
+// of the region; lane region.
 
 #ifndef MJFRAMES_PLUGIN_REGION_BATCH_H_
 #define MJFRAMES_PLUGIN_REGION_BATCH_H_
@@ -40,7 +40,7 @@ struct BatchScratch {
   std::vector<double> z;            // Rᵀ x_j centred                     (m × 3 × 8)
   std::vector<double> h;            // of A_j                             (m × 3 × 8)
   std::vector<double> product;      // K_e [y | Z], column by column      (m × 12 × 8)
-  std::vector<double> n, v;         // N_j and V_j, row major             (m × 9 × 8)
+  std::vector<double> g;            // G_j, row major                     (m × 9 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
 };
 
