@@ -37,7 +37,10 @@ MJFRAMES_INLINE void Store(const V& a, double* p) {
   std::memcpy(p, &a, sizeof(a));
 }
 
-MJFRAMES_INLINE Lanes Fill(double a) { return Lanes{a, a, a, a}; }
+template <typename V = Lanes>
+MJFRAMES_INLINE V Fill(double a) {
+  return a - V{};
+}
 
 template <typename V>
 MJFRAMES_INLINE V Sqrt(const V& a) {
@@ -51,11 +54,14 @@ MJFRAMES_INLINE V Abs(const V& a) {
   return a < 0.0 ? -a : a;
 }
 
-MJFRAMES_INLINE Lanes Magnitude(Lanes a) { return a < 0 ? -a : a; }
-
 MJFRAMES_INLINE Lanes Positive(const Lanes& a) { return a > 0.0 ? a : Fill(0); }
 
-MJFRAMES_INLINE bool AnyPositive(const Lanes& a) { return a[0] > 0 || a[1] > 0 || a[2] > 0 || a[3] > 0; }
+template <typename V>
+MJFRAMES_INLINE bool AnyPositive(const V& a) {
+  bool any = false;
+  for (int lane = 0; lane < kWidth<V>; lane++) any = any || a[lane] > 0;
+  return any;
+}
 
 }  // namespace mjframes
 

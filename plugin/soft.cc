@@ -453,10 +453,8 @@ void SoftBody::AddElasticity() {
   double* held = held_.empty() ? nullptr : held_.data();
   AddBatches(batches_, kinematics_.x().data(), batch_scratch_.get(), force_.data(),
              stiffness ? stiffness_.data() : nullptr, held);
-  for (const QuadratureRegion& region : quadrature_) {
-    AddQuadratureRegion(region, kinematics_.x().data(), quadrature_scratch_.get(), force_.data(),
-                        stiffness ? stiffness_.data() : nullptr);
-  }
+  AddQuadrature(quadrature_, kinematics_.x().data(), quadrature_scratch_.get(), force_.data(),
+                stiffness ? stiffness_.data() : nullptr);
   if (quadrature_.empty() || held_.empty()) return;
   std::transform(stiffness_.begin(), stiffness_.end(), held_.begin(), [this](double k) { return enlargement_ * k; });
 }
