@@ -138,8 +138,9 @@ class Kinematics {
   template <int N>
   void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
   void SumMass(const double* mass);
-  template <int N>
-  void StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m, mjData* d);
+  void StoreSlideInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
+                         mjData* d);
+  void StoreTurningInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
 
   int outermost_ = -1;  // of the soft body's own bodies that move, −1 for none
   int holder_ = 0;      // body whose axes are the soft body's
@@ -157,6 +158,7 @@ class Kinematics {
   std::vector<Vec3> lever_;     // x − the middle of all, where they turn
   Vec3 middle_{};               // of all points, in the soft body's axes; zero where they only slide
   std::vector<Share> load_;     // mass and its moment at and below the nodes
+  std::vector<double> weight_;  // the mass alone, where they only slide
   std::vector<Vec3> slide_;     // of the nodes, where they only slide
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
   std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)

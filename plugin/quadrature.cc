@@ -117,33 +117,35 @@ void AddForce(const QuadratureRegion& region, int first, QuadratureScratch* scra
   }
 }
 
-// V_q (∂P/∂F) ∇W_k of a region: entry (r, a), s at 3 (3r + a) + s of products (q × 27 × padded).
-MJFRAMES_MULTIVERSION
-void Multiply(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
+// V_q (∂P/∂F) ∇W_k of a region, columns from k on: entry (r, a), s at 3 (3r + a) + s of products (q × 27 × padded).
+template <typename V>
+MJFRAMES_INLINE void MultiplyColumns(const QuadratureRegion& region, int first, int k, QuadratureScratch* scratch) {
   const int padded = PadToLanes(region.size());
-  double* __restrict out = scratch->products.data();
-  const double* g = region.by_quadrature.data();
+  double* __restrict out = scratch->products.data() + k;
+  const double* g = region.by_quadrature.data() + k;
   for (int q = 0; q < region.quadrature_points; q++, g += 3 * padded) {
     const double* H = EntryOf(&scratch->hessian, 81, first + q);
+    const V g0 = Load<V>(g), g1 = Load<V>(g + padded), g2 = Load<V>(g + 2 * padded);
     for (int n = 0; n < 27; n++, H += 3 * kWideLanes, out += padded) {
-      const double h0 = H[0], h1 = H[kWideLanes], h2 = H[2 * kWideLanes];
-      for (int k = 0; k < padded; k += kLanes) {
-        Store(h0 * Load(g + k) + h1 * Load(g + padded + k) + h2 * Load(g + 2 * padded + k), out + k);
-      }
+      Store(H[0] * g0 + H[kWideLanes] * g1 + H[2 * kWideLanes] * g2, out);
     }
   }
 }
 
-// Σ_q,a ∂_a W_j product[(r, a), s][k] of four j and four k: tile[j][3r + s], k side by side.
-MJFRAMES_INLINE void Tile(const double* gradients, const double* products, int points, int padded, Lanes (*tile)[9]) {
+// Adds Σ_q,a ∂_a W_j product[(r, a), s][k] of four j and one register of k to the pairs.
+template <typename V>
+MJFRAMES_INLINE void AddTile(const QuadratureRegion& region, const QuadratureScratch& scratch, int j0, int k0,
+                             double* stiffness) {
+  const int padded = PadToLanes(region.size());
+  V tile[kLanes][9];
   for (int r = 0; r < 3; r++) {
-    Lanes sum[12];
-    for (Lanes& s : sum) s = Fill(0);
-    for (int q = 0; q < points; q++) {
-      const double* g = gradients + static_cast<size_t>(q) * 3 * padded;
-      const double* t = products + (static_cast<size_t>(q) * 27 + 9 * r) * padded;
+    V sum[12];
+    for (V& s : sum) s = Fill<V>(0);
+    for (int q = 0; q < region.quadrature_points; q++) {
+      const double* g = region.by_quadrature.data() + static_cast<size_t>(q) * 3 * padded + j0;
+      const double* t = scratch.products.data() + (static_cast<size_t>(q) * 27 + 9 * r) * padded + k0;
       for (int a = 0; a < 3; a++, g += padded, t += 3 * padded) {
-        const Lanes t0 = Load(t), t1 = Load(t + padded), t2 = Load(t + 2 * padded);
+        const V t0 = Load<V>(t), t1 = Load<V>(t + padded), t2 = Load<V>(t + 2 * padded);
         for (int j = 0; j < kLanes; j++) {
           sum[j] += g[j] * t0;
           sum[4 + j] += g[j] * t1;
@@ -153,23 +155,42 @@ MJFRAMES_INLINE void Tile(const double* gradients, const double* products, int p
     }
     for (int n = 0; n < 12; n++) tile[n % 4][3 * r + n / 4] = sum[n];
   }
+  for (int j = j0; j < std::min(j0 + kLanes, region.size()); j++) {
+    int32_t pair[kWidth<V>];
+    for (int k = 0; k < kWidth<V>; k++) pair[k] = k0 + k <= j ? region.pair[j * (j + 1) / 2 + k0 + k] : -1;
+    Scatter(tile[j - j0], pair, stiffness);
+  }
 }
 
 // Adds a region's blocks to the pairs.
-MJFRAMES_MULTIVERSION
-void AddBlocks(const QuadratureRegion& region, const QuadratureScratch& scratch, double* stiffness) {
-  const int m = region.size(), padded = PadToLanes(m);
-  Lanes tile[kLanes][9];
-  for (int j0 = 0; j0 < m; j0 += kLanes) {
-    for (int k0 = 0; k0 <= j0; k0 += kLanes) {
-      Tile(region.by_quadrature.data() + j0, scratch.products.data() + k0, region.quadrature_points, padded, tile);
-      for (int j = j0; j < std::min(j0 + kLanes, m); j++) {
-        int32_t pair[kLanes];
-        for (int k = 0; k < kLanes; k++) pair[k] = k0 + k <= j ? region.pair[j * (j + 1) / 2 + k0 + k] : -1;
-        Scatter(tile[j - j0], pair, stiffness);
-      }
-    }
+template <typename V>
+MJFRAMES_INLINE void AddBlocksOf(const QuadratureRegion& region, int first, QuadratureScratch* scratch,
+                                 double* stiffness) {
+  const int padded = PadToLanes(region.size());
+  int k = 0;
+  for (; k + kWidth<V> <= padded; k += kWidth<V>) MultiplyColumns<V>(region, first, k, scratch);
+  for (; k < padded; k += kLanes) MultiplyColumns<Lanes>(region, first, k, scratch);
+  for (int j = 0; j < padded; j += kLanes) {
+    for (k = 0; k + kWidth<V> <= j + kLanes; k += kWidth<V>) AddTile<V>(region, *scratch, j, k, stiffness);
+    for (; k <= j; k += kLanes) AddTile<Lanes>(region, *scratch, j, k, stiffness);
   }
+}
+
+#ifdef MJFRAMES_TARGET
+MJFRAMES_TARGET("arch=x86-64-v4")
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
+  AddBlocksOf<WideLanes>(region, first, scratch, stiffness);
+}
+
+MJFRAMES_TARGET("arch=x86-64-v3")
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
+  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
+}
+
+MJFRAMES_TARGET("default")
+#endif
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
+  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
 }
 
 void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {
@@ -253,9 +274,7 @@ void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, 
       Vec3& f = force[region.point[j]];
       f = f - Vec3{sum[j], sum[padded + j], sum[2 * padded + j]};
     }
-    if (!stiffness) continue;
-    Multiply(region, scratch->first[e], scratch);
-    AddBlocks(region, *scratch, stiffness);
+    if (stiffness) AddBlocks(region, scratch->first[e], scratch, stiffness);
   }
 }
 

@@ -366,6 +366,7 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   const size_t pairs = body->kinematics_.pairs().size();
   body->force_.resize(body->kinematics_.points().size());
   body->velocity_.resize(body->force_.size());
+  body->moved_.resize(body->force_.size());
   body->stiffness_.resize(9 * pairs);
   body->added_mass_.resize(pairs);
   int largest = 0;
@@ -465,14 +466,15 @@ void SoftBody::AddDamping(double rate) {
   // K is blind to a common velocity, but not to the last digit of a stiff K times a fast one
   Vec3 common{};
   for (const Vec3& some : v) common = common + (1.0 / v.size()) * some;
+  for (size_t j = 0; j < v.size(); j++) moved_[j] = rate * (v[j] - common);
+  Vec3* force = force_.data();
   for (size_t i = 0; i < kinematics_.pairs().size(); i++) {
     const auto [j, k, sum, flip] = kinematics_.pairs()[i];
-    const double* block = stiffness_.data() + 9 * i;
-    Mat3 C;
-    for (int e = 0; e < 9; e++) C[e] = rate * block[e];
+    Mat3 K;
+    std::copy_n(stiffness_.data() + 9 * i, 9, K.begin());
     const double drag = alpha_ * mass_[i];
-    force_[j] = force_[j] - Mul(C, v[k] - common) - drag * v[k];
-    if (j != k) force_[k] = force_[k] - MulT(C, v[j] - common) - drag * v[j];
+    force[j] = force[j] - Mul(K, moved_[k]) - drag * v[k];
+    if (j != k) force[k] = force[k] - MulT(K, moved_[j]) - drag * v[j];
   }
 }
 

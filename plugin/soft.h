@@ -95,6 +95,7 @@ class SoftBody {
 
   // of this step; one SoftBody belongs to one mjData
   std::vector<Vec3> force_;         // on the control points
+  std::vector<Vec3> moved_;         // rate times the velocities without their mean, see AddDamping [m]
   std::vector<Vec3> velocity_;      // of the control points in the world, for sensors
   std::vector<double> stiffness_;   // K, 3×3 row-major block a pair
   std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
