@@ -9,6 +9,7 @@
 #include <cstddef>
 
 #include "kinematics.h"
+#include "lanes.h"
 #include "multiversion.h"
 
 namespace mjframes {
@@ -83,7 +84,13 @@ void SumSubtrees(const std::vector<Node>& nodes, double* sums, double* weight) {
 // By columns: row[depth] becomes the sum from there on.
 MJFRAMES_MULTIVERSION
 void SumPath(double* row, int depth) {
-  for (int e = 9 * depth - 1; e >= 0; e--) row[e] += row[e + 9];
+  Lanes front = Load(row + 9 * depth), back = Load(row + 9 * depth + 4);
+  double last = row[9 * depth + 8];
+  for (row += 9 * (depth - 1); depth > 0; depth--, row -= 9) {
+    Store(front += Load(row), row);
+    Store(back += Load(row + 4), row + 4);
+    row[8] = last += row[8];
+  }
 }
 
 }  // namespace

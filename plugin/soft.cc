@@ -7,6 +7,7 @@
 #include <cstring>
 #include <string>
 
+#include "multiversion.h"
 #include "reader.h"
 
 namespace mjframes {
@@ -193,6 +194,28 @@ std::vector<bool> ChangedTrees(const mjModel* m, int slot) {
     if (instance >= 0 && tree >= 0 && m->plugin[instance] == slot && ChangesInertia(m, instance)) changed[tree] = true;
   }
   return changed;
+}
+
+// force −= K u, K by pairs of points. Neighbours among the pairs share their first point.
+MJFRAMES_MULTIVERSION
+void SubtractProduct(const std::vector<PointPair>& pairs, const double* __restrict K, const Vec3* __restrict u,
+                     Vec3* __restrict force) {
+  int at = 0;
+  Vec3 sum{};
+  for (const auto& [j, k, node_pair, flip] : pairs) {
+    if (j != at) {
+      force[at] = force[at] - sum;
+      sum = {};
+      at = j;
+    }
+    const Vec3 uj = u[j], uk = u[k];
+    for (int r = 0; r < 3; r++) sum[r] += K[3 * r] * uk[0] + K[3 * r + 1] * uk[1] + K[3 * r + 2] * uk[2];
+    if (j != k) {
+      for (int r = 0; r < 3; r++) force[k][r] -= K[r] * uj[0] + K[3 + r] * uj[1] + K[6 + r] * uj[2];
+    }
+    K += 9;
+  }
+  force[at] = force[at] - sum;
 }
 
 bool CanCollide(const mjModel* m, int a, int b) {
@@ -467,14 +490,13 @@ void SoftBody::AddDamping(double rate) {
   Vec3 common{};
   for (const Vec3& some : v) common = common + (1.0 / v.size()) * some;
   for (size_t j = 0; j < v.size(); j++) moved_[j] = rate * (v[j] - common);
-  Vec3* force = force_.data();
+  SubtractProduct(kinematics_.pairs(), stiffness_.data(), moved_.data(), force_.data());
+  if (alpha_ == 0) return;
   for (size_t i = 0; i < kinematics_.pairs().size(); i++) {
-    const auto [j, k, sum, flip] = kinematics_.pairs()[i];
-    Mat3 K;
-    std::copy_n(stiffness_.data() + 9 * i, 9, K.begin());
+    const PointPair& pair = kinematics_.pairs()[i];
     const double drag = alpha_ * mass_[i];
-    force[j] = force[j] - Mul(K, moved_[k]) - drag * v[k];
-    if (j != k) force[k] = force[k] - MulT(K, moved_[j]) - drag * v[j];
+    force_[pair.j] = force_[pair.j] - drag * v[pair.k];
+    if (pair.j != pair.k) force_[pair.k] = force_[pair.k] - drag * v[pair.j];
   }
 }
 
