@@ -2,8 +2,8 @@
 //
 //   f = −R Pᵀ K_e y,   K = R Pᵀ K_e P Rᵀ,   P = I − Z (A Z)⁻¹ A
 //
-// For λ = 0 (see region_batch.cc) f is the exact gradient of the energy, ∂R/∂x included, so it carries no net force and
-// no net torque; K is its Gauss–Newton stiffness: positive semi-definite, blind to rotations of the current shape.
+// For λ = 0 (see region_response.cc) f is the exact gradient of the energy, ∂R/∂x included, so it carries no net force
+// and no net torque; K is its Gauss–Newton stiffness: positive semi-definite, blind to rotations of the current shape.
 
 #ifndef MJFRAMES_PLUGIN_COROTATIONAL_H_
 #define MJFRAMES_PLUGIN_COROTATIONAL_H_
