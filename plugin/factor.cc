@@ -104,7 +104,12 @@ InertiaFactor::InertiaFactor(const mjModel* m, const std::vector<bool>& trees) :
 }
 
 void InertiaFactor::Factor(const mjModel* m, mjData* d) {
+  const bool may_sleep = m->opt.enableflags & mjENBL_SLEEP;
+  const auto asleep = [&](const Chain& chain) {
+    return may_sleep && d->body_awake[m->dof_bodyid[chain.first]] == mjS_ASLEEP;
+  };
   for (const Chain& chain : chains_) {
+    if (asleep(chain)) continue;
     for (int i = chain.first; i < chain.first + chain.size; i++) {
       const int entries = m->M_rownnz[i];
       double* row = rows_.data() + start_[i];
@@ -113,6 +118,7 @@ void InertiaFactor::Factor(const mjModel* m, mjData* d) {
     }
   }
   for (const Chain& chain : chains_) {
+    if (asleep(chain)) continue;
     double* U[kMaxChain];
     for (int k = 0; k < chain.size; k++) U[k] = rows_.data() + start_[chain.first + k];
     const int above = m->M_rownnz[chain.first] - 1;

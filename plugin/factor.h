@@ -22,7 +22,7 @@ class InertiaFactor {
   // For the kinematic trees marked in `trees` (one a tree of the model).
   InertiaFactor(const mjModel* m, const std::vector<bool>& trees);
 
-  // Factors those trees' part of d->M; that of the others stays as it is. All of them have to be awake.
+  // Factors those trees' part of d->M, where they are awake; that of the others stays as it is.
   void Factor(const mjModel* m, mjData* d);
 
  private:

@@ -438,7 +438,7 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
   // compute may run again on the same position: start from the rigid inertia each time
   if (starts_inertia_ && AnyAdds(m, d)) mj_makeM(m, d);
   if (changes_inertia_ && awake) StoreInertia(m, d);
-  if (factor_) FactorInertia(m, d);
+  if (factor_) factor_->Factor(m, d);
   if (last_) WriteContactRows(m, d, contact_scratch_.get());
 }
 
@@ -449,14 +449,6 @@ bool SoftBody::AnyAdds(const mjModel* m, const mjData* d) {
     if (body && body->changes_inertia_ && !body->kinematics_.replaces()) return true;
   }
   return false;
-}
-
-void SoftBody::FactorInertia(const mjModel* m, mjData* d) {
-  if (m->opt.enableflags & mjENBL_SLEEP) {
-    mj_factorM(m, d);  // knows who is awake
-  } else {
-    factor_->Factor(m, d);
-  }
 }
 
 // d->M += Jᵀ ((h² + h β) K + h α M) J, and the part of the mass that MuJoCo does not know of.

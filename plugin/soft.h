@@ -71,7 +71,6 @@ class SoftBody {
   void AddDamping(double rate);
   static bool AnyAdds(const mjModel* m, const mjData* d);
   void StoreInertia(const mjModel* m, mjData* d);
-  void FactorInertia(const mjModel* m, mjData* d);
 
   bool implicit_ = true, changes_inertia_ = true;
   bool starts_inertia_ = false;            // first of the model's instances that change it
