@@ -86,10 +86,11 @@ MJFRAMES_MULTIVERSION
 void SumPath(double* row, int depth) {
   Lanes front = Load(row + 9 * depth), back = Load(row + 9 * depth + 4);
   double last = row[9 * depth + 8];
-  for (row += 9 * (depth - 1); depth > 0; depth--, row -= 9) {
-    Store(front += Load(row), row);
-    Store(back += Load(row + 4), row + 4);
-    row[8] = last += row[8];
+  for (int upper = depth - 1; upper >= 0; upper--) {
+    double* at = row + 9 * upper;
+    Store(front += Load(at), at);
+    Store(back += Load(at + 4), at + 4);
+    at[8] = last += at[8];
   }
 }
 
