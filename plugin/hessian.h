@@ -1,4 +1,5 @@
-// Stress and projected Hessian of the laws at four deformation gradients at once, from their invariants (laws/law.h).
+// Stress and projected Hessian of the laws at several deformation gradients at once, from their invariants
+// (laws/law.h).
 //
 //   P = 2 f' F + 2 c₂ (I₁ F − F Fᵀ F) + g' cof F,   g' = κ (J − 1) − d
 //
@@ -24,27 +25,32 @@
 
 namespace mjframes {
 
-inline constexpr double kReach = 1;  // [-] the longest Newton step, in F; strains well below it are not affected
+inline constexpr double kMargin = 1.001;   // [-] beyond which an eigenvalue is certainly above its bound …
+inline constexpr double kRounding = 1e-6;  // … and, of |A|, above zero
+inline constexpr double kReach = 1;        // [-] the longest Newton step, in F; strains well below it are not affected
 
+template <typename T>
 struct Invariants {
-  Lanes cofactor[9];  // J F⁻ᵀ
-  Lanes i1, i2, j;
+  T cofactor[9];  // J F⁻ᵀ
+  T i1, i2, j;
 };
 
-// f', f'', c₂ and κ of law.h, and g', at each of the four.
+// f', f'', c₂ and κ of law.h, and g', at each of them.
+template <typename T>
 struct Slopes {
-  Lanes f1, f2, second, volume, g1;
+  T f1, f2, second, volume, g1;
 };
 
-MJFRAMES_INLINE Invariants InvariantsOf(const Lanes* F) {
-  Invariants is;
-  is.i1 = Fill(0);
-  Lanes square = Fill(0);  // |cof F|² = I₂
+template <typename T>
+MJFRAMES_INLINE Invariants<T> InvariantsOf(const T* F) {
+  Invariants<T> is;
+  is.i1 = Fill<T>(0);
+  T square = Fill<T>(0);  // |cof F|² = I₂
   for (int r = 0; r < 3; r++) {
     const int s = (r + 1) % 3, t = (r + 2) % 3;
     for (int a = 0; a < 3; a++) {
       const int b = (a + 1) % 3, c = (a + 2) % 3;
-      const Lanes entry = F[3 * s + b] * F[3 * t + c] - F[3 * s + c] * F[3 * t + b];
+      const T entry = F[3 * s + b] * F[3 * t + c] - F[3 * s + c] * F[3 * t + b];
       is.cofactor[3 * r + a] = entry;
       square += entry * entry;
       is.i1 += F[3 * r + a] * F[3 * r + a];
@@ -55,39 +61,55 @@ MJFRAMES_INLINE Invariants InvariantsOf(const Lanes* F) {
   return is;
 }
 
-MJFRAMES_INLINE void FirstPiola(const Lanes* F, const Invariants& is, const Slopes& of, Lanes* P) {
-  Lanes C[9];
+template <typename T>
+MJFRAMES_INLINE void FirstPiola(const T* F, const Invariants<T>& is, const Slopes<T>& of, T* P) {
+  T C[9];
   for (int a = 0; a < 3; a++) {
     for (int b = 0; b < 3; b++) C[3 * a + b] = F[a] * F[b] + F[3 + a] * F[3 + b] + F[6 + a] * F[6 + b];
   }
-  const Lanes along = 2.0 * (of.f1 + of.second * is.i1), cubed = -2.0 * of.second;
+  const T along = 2.0 * (of.f1 + of.second * is.i1), cubed = -2.0 * of.second;
   for (int r = 0; r < 9; r += 3) {
     for (int a = 0; a < 3; a++) {
-      const Lanes fc = F[r] * C[a] + F[r + 1] * C[3 + a] + F[r + 2] * C[6 + a];
+      const T fc = F[r] * C[a] + F[r + 1] * C[3 + a] + F[r + 2] * C[6 + a];
       P[r + a] = along * F[r + a] + cubed * fc + of.g1 * is.cofactor[r + a];
     }
   }
 }
 
+// Whether all eigenvalues of all symmetric A (row major) are larger than `bound`: leading minors of A − bound I.
+template <typename T>
+MJFRAMES_INLINE bool ExceedsAll(const T* A, const T& bound) {
+  const T a = A[0] - bound, b = A[4] - bound, c = A[8] - bound;
+  const T minor = a * b - A[1] * A[1];
+  const T determinant = a * (b * c - A[5] * A[5]) - A[1] * (A[1] * c - A[5] * A[2]) + A[2] * (A[1] * A[5] - b * A[2]);
+  bool all = true;
+  for (int lane = 0; lane < kWidth<T>; lane++) all = all && a[lane] > 0 && minor[lane] > 0 && determinant[lane] > 0;
+  return all;
+}
+
 // The symmetric A (row major) with eigenvalues max(|λ|, |p·n| / reach), n the eigenvector, in place.
-MJFRAMES_INLINE void ProjectBlock(const Lanes* p, const Lanes& reach, Lanes* A) {
-  // A + c I is positive, so that its singular vectors are A's eigenvectors
-  Lanes square = Fill(0), B[9], V[9];
+template <typename T>
+MJFRAMES_INLINE void ProjectBlock(const T* p, const T& reach, T* A) {
+  T square = Fill<T>(0), along = Fill<T>(0);
   for (int e = 0; e < 9; e++) square += A[e] * A[e];
-  const Lanes shift = Sqrt(square);
+  for (int e = 0; e < 3; e++) along += p[e] * p[e];
+  const T shift = Sqrt(square);
+  if (ExceedsAll(A, kMargin * (Sqrt(along) / reach + kRounding * shift))) return;  // nothing to change
+  // A + c I is positive, so that its singular vectors are A's eigenvectors
+  T B[9], V[9];
   for (int e = 0; e < 9; e++) B[e] = e % 4 == 0 ? A[e] + shift : A[e];
   Orthogonalize(B, V);
-  Lanes excess[3];  // what to add to each eigenvalue
+  T excess[3];  // what to add to each eigenvalue
   for (int c = 0; c < 3; c++) {
-    const Lanes value = Sqrt(B[c] * B[c] + B[3 + c] * B[3 + c] + B[6 + c] * B[6 + c]) - shift;
-    const Lanes least = Magnitude(p[0] * V[c] + p[1] * V[3 + c] + p[2] * V[6 + c]) / reach;
-    const Lanes size = Magnitude(value);
+    const T value = Sqrt(B[c] * B[c] + B[3 + c] * B[3 + c] + B[6 + c] * B[6 + c]) - shift;
+    const T least = Abs(p[0] * V[c] + p[1] * V[3 + c] + p[2] * V[6 + c]) / reach;
+    const T size = Abs(value);
     excess[c] = (size > least ? size : least) - value;
   }
   for (int r = 0; r < 3; r++) {
     for (int s = r; s < 3; s++) {
-      const Lanes sum = excess[0] * V[3 * r] * V[3 * s] + excess[1] * V[3 * r + 1] * V[3 * s + 1] +
-                        excess[2] * V[3 * r + 2] * V[3 * s + 2];
+      const T sum = excess[0] * V[3 * r] * V[3 * s] + excess[1] * V[3 * r + 1] * V[3 * s + 1] +
+                    excess[2] * V[3 * r + 2] * V[3 * s + 2];
       A[3 * r + s] += sum;
       if (s > r) A[3 * s + r] = A[3 * r + s];
     }
@@ -95,30 +117,31 @@ MJFRAMES_INLINE void ProjectBlock(const Lanes* p, const Lanes& reach, Lanes* A) 
 }
 
 // H[9 (3r + a) + 3s + b] = ∂P_ra/∂F_sb, projected.
-MJFRAMES_INLINE void ProjectedHessian(const Lanes* F, const Slopes& of, Lanes* H) {
-  Lanes U[9], V[9], sigma[3];
+template <typename T>
+MJFRAMES_INLINE void ProjectedHessian(const T* F, const Slopes<T>& of, T* H) {
+  T U[9], V[9], sigma[3];
   SignedSvd(F, U, sigma, V);
 
-  Lanes A[9], p[3], same[3], crossed[3];  // by k: (twist ± flip)/2, on (ij, ij) and on (ij, ji)
+  T A[9], p[3], same[3], crossed[3];  // by k: (twist ± flip)/2, on (ij, ij) and on (ij, ji)
   for (int i = 0; i < 3; i++) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;
-    const Lanes ji = sigma[j] * sigma[k], jj = sigma[i] * sigma[k];  // J/σ_i, J/σ_j
+    const T ji = sigma[j] * sigma[k], jj = sigma[i] * sigma[k];  // J/σ_i, J/σ_j
     A[4 * i] = 2.0 * of.f1 + 4.0 * of.f2 * sigma[i] * sigma[i] +
                2.0 * of.second * (sigma[j] * sigma[j] + sigma[k] * sigma[k]) + of.volume * ji * ji;
     p[i] = 2.0 * sigma[i] * (of.f1 + of.second * (sigma[j] * sigma[j] + sigma[k] * sigma[k])) + of.g1 * ji;
-    const Lanes product = sigma[i] * sigma[j];
-    const Lanes mixed = 4.0 * (of.f2 + of.second) * product + of.volume * ji * jj + of.g1 * sigma[k];
+    const T product = sigma[i] * sigma[j];
+    const T mixed = 4.0 * (of.f2 + of.second) * product + of.volume * ji * jj + of.g1 * sigma[k];
     A[3 * i + j] = A[3 * j + i] = mixed;
-    const Lanes even = 2.0 * of.f1 + 2.0 * of.second * sigma[k] * sigma[k];
-    const Lanes odd = 2.0 * of.second * product + of.g1 * sigma[k];
-    const Lanes twist = Magnitude(even + odd), flip = Magnitude(even - odd);
+    const T even = 2.0 * of.f1 + 2.0 * of.second * sigma[k] * sigma[k];
+    const T odd = 2.0 * of.second * product + of.g1 * sigma[k];
+    const T twist = Abs(even + odd), flip = Abs(even - odd);
     same[k] = 0.5 * (flip + twist);
     crossed[k] = 0.5 * (flip - twist);
   }
-  ProjectBlock(p, kReach * (sigma[0] > 1.0 ? sigma[0] : Fill(1)), A);
+  ProjectBlock(p, kReach * (sigma[0] > 1.0 ? sigma[0] : Fill<T>(1)), A);
 
   // H = Σ M_ij ⊗ R_ij, M_ij = u_i v_jᵀ
-  Lanes M[9][9], R[9][9];
+  T M[9][9], R[9][9];
   for (int i = 0; i < 3; i++) {
     for (int j = 0; j < 3; j++) {
       for (int e = 0; e < 9; e++) M[3 * i + j][e] = U[e / 3 * 3 + i] * V[e % 3 * 3 + j];
@@ -134,7 +157,7 @@ MJFRAMES_INLINE void ProjectedHessian(const Lanes* F, const Slopes& of, Lanes* H
   }
   for (int e = 0; e < 9; e++) {
     for (int f = e; f < 9; f++) {
-      Lanes sum = M[0][e] * R[0][f];
+      T sum = M[0][e] * R[0][f];
       for (int n = 1; n < 9; n++) sum += M[n][e] * R[n][f];
       H[9 * e + f] = H[9 * f + e] = sum;
     }

@@ -28,24 +28,6 @@ bool SlidesAlongAxes(const mjModel* m, int body) {
   return true;
 }
 
-// Σ += block where `block` = scale K + mass I, seen from the twists of the two nodes.
-template <int N>
-void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed, double* sum) {
-  if constexpr (N == 3) {
-    for (int e = 0; e < 9; e++) sum[e] += transposed ? block[3 * (e % 3) + e / 3] : block[e];
-  } else {
-    const Mat3 right = Mul(block, Skew(-1.0 * xk));  // X_k = [I, −[x_k]×]
-    const Mat3 left = Skew(xj);
-    const Mat3 quarter[4] = {block, right, Mul(left, block), Mul(left, right)};
-    for (int row = 0; row < 6; row++) {
-      for (int column = 0; column < 6; column++) {
-        const double value = quarter[2 * (row / 3) + column / 3][3 * (row % 3) + column % 3];
-        sum[transposed ? 6 * column + row : 6 * row + column] += value;
-      }
-    }
-  }
-}
-
 }  // namespace
 
 void Kinematics::Create(const mjModel* m, int instance, Reader* reader) {
@@ -140,13 +122,31 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     turning_ = turning_ || (point.node >= 0 && point.offset);
     point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
   }
+  replaces_ = !turning_ && OwnsInertia(m, instance);
   free_ = !nodes_.empty();
   for (const ControlPoint& point : points_) free_ = free_ && point.node >= 0;
   for (const Node& node : nodes_) free_ = free_ && (node.parent >= 0 || &node == nodes_.data());
   load_.resize(nodes_.size());
+  weight_.resize(nodes_.size());
   slide_.resize(nodes_.size());
   twist_.assign(6 * twists, 0.0);
   motion_.resize(6 * nodes_.size());
+}
+
+// Whether neither actuators or tendons with armature nor the points of another instance add to the nodes' entries of M.
+bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
+  std::vector<bool> own(m->nbody, false);  // nodes and what hangs on them
+  for (const Node& node : nodes_) own[node.body] = true;
+  for (int body = 1; body < m->nbody; body++) {
+    if (!own[body]) own[body] = own[m->body_parentid[body]];
+    const int other = m->body_plugin[body];
+    if (own[body] && other >= 0 && other != instance && m->plugin[other] == m->plugin[instance]) return false;
+  }
+  const auto driven = [m](const Node& node) {
+    const int* actuator = m->jnt_actuatorid + m->body_jntadr[node.body];
+    return std::any_of(actuator, actuator + m->body_jntnum[node.body], [](int id) { return id != -1; });
+  };
+  return m->ntendon == 0 && std::none_of(nodes_.begin(), nodes_.end(), driven);
 }
 
 bool Kinematics::IsAbove(int upper, int lower) const {
@@ -323,111 +323,6 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
     if (node.parent < 0) continue;
     double* into = motion_.data() + 6 * node.parent;
     for (int r = 0; r < N; r++) into[r] += wrench[r];
-  }
-}
-
-void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
-  turning_ ? StoreInertiaOf<6>(stiffness, stiffness_scale, mass, d)
-           : StoreInertiaOf<3>(stiffness, stiffness_scale, mass, d);
-}
-
-// Row sums of the mass at and below each node, and their moments.
-void Kinematics::SumMass(const double* mass) {
-  std::fill(load_.begin(), load_.end(), Share{});
-  const auto add = [this](int j, double m) {
-    Share& load = load_[points_[j].node];
-    load.weight += m;
-    load.moment = load.moment + m * lever_[j];
-  };
-  for (size_t i = 0; i < pairs_.size(); i++) {
-    add(pairs_[i].j, mass[i]);
-    if (pairs_[i].j != pairs_[i].k) add(pairs_[i].k, mass[i]);
-  }
-  for (size_t n = nodes_.size(); n-- > 1;) {
-    Share& into = load_[nodes_[n].parent];
-    into.weight += load_[n].weight;
-    into.moment = into.moment + load_[n].moment;
-  }
-}
-
-// Translations of all points strain nothing: their columns (and rows) hold mass alone, to the last digit. Summed from
-// blocks of K they would be its rounding errors, as large as M where h²K/m is 1e16.
-template <int N>
-void StripTranslation(const Share& load, bool rows, double* total) {
-  const Mat3 moment = Skew(load.moment);
-  for (int r = 0; r < N; r++) {
-    for (int c = 0; c < 3; c++) {
-      total[N * r + c] = r < 3 ? (r == c ? load.weight : 0) : moment[3 * (r - 3) + c];
-      if (rows) total[N * c + r] = total[N * r + c];
-    }
-  }
-}
-
-template <int N>
-void Kinematics::StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
-  constexpr int kSize = N * N;
-  std::fill(sum_.begin(), sum_.end(), 0.0);
-  for (size_t i = 0; i < pairs_.size(); i++) {
-    const PointPair& pair = pairs_[i];
-    if (pair.sum < 0) continue;
-    Mat3 block;
-    for (int e = 0; e < 9; e++) block[e] = stiffness_scale * stiffness[9 * i + e];
-    for (int r = 0; r < 3; r++) block[4 * r] += mass[i];
-    double* sum = sum_.data() + kSize * static_cast<size_t>(pair.sum);
-    AddBlock<N>(block, lever_[pair.j], lever_[pair.k], pair.flip, sum);
-    if (pair.j != pair.k && points_[pair.j].node == points_[pair.k].node) {
-      AddBlock<N>(block, lever_[pair.j], lever_[pair.k], true, sum);
-    }
-  }
-  if (free_) SumMass(mass);
-  // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
-  for (size_t n = nodes_.size(); n-- > 1;) {
-    const Node& node = nodes_[n];
-    if (node.parent < 0) continue;
-    const Node& parent = nodes_[node.parent];
-    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
-    double* into = sum_.data() + kSize * static_cast<size_t>(parent.pair);
-    for (int e = 0; e < kSize * parent.depth; e++) into[e] += row[e];
-    const double* cross = row + kSize * parent.depth;
-    const double* own = row + kSize * node.depth;
-    double* parent_own = into + kSize * parent.depth;
-    for (int e = 0; e < kSize; e++) parent_own[e] += own[e] + cross[e] + cross[N * (e % N) + e / N];
-  }
-  // columns: along each path, from the node up to the outermost one
-  for (const Node& node : nodes_) {
-    double total[kSize] = {};
-    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
-    int columns = 0;  // of the path above and of this node
-    for (int n = static_cast<int>(&node - nodes_.data()); n >= 0; n = nodes_[n].parent) columns += nodes_[n].dofs;
-    const int above = columns - node.dofs;
-    int n = static_cast<int>(&node - nodes_.data()), first = above;
-    for (int depth = node.depth; depth >= 0; depth--, n = nodes_[n].parent) {
-      const Node& upper = nodes_[n];
-      for (int e = 0; e < kSize; e++) total[e] += row[kSize * depth + e];
-      if (free_ && depth == 0) StripTranslation<N>(load_[&node - nodes_.data()], depth == node.depth, total);
-      const int* entry = entry_.data() + node.entry + first;
-      for (int a = 0; a < node.dofs; a++) {
-        const int count = depth == node.depth ? a + 1 : upper.dofs;
-        double value[6];
-        if constexpr (N == 3) {
-          for (int b = 0; b < count; b++) value[b] = total[3 * a + b];
-        } else {
-          const double* Sa = twist_.data() + 6 * (node.twist + a);
-          double left[6] = {};
-          for (int r = 0; r < 6; r++) {
-            for (int c = 0; c < 6; c++) left[c] += Sa[r] * total[6 * r + c];
-          }
-          for (int b = 0; b < count; b++) {
-            const double* Sb = twist_.data() + 6 * (upper.twist + b);
-            value[b] = 0;
-            for (int c = 0; c < 6; c++) value[b] += left[c] * Sb[c];
-          }
-        }
-        for (int b = 0; b < count; b++) d->M[entry[b]] += value[b];
-        entry += above + a + 1;  // the next row of this node
-      }
-      if (upper.parent >= 0) first -= nodes_[upper.parent].dofs;
-    }
   }
 }
 

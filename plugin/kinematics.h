@@ -88,8 +88,8 @@ class Kinematics {
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 
   // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I. stiffness: 3×3 row-major block a pair; mass: one a
-  // pair.
-  void StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
+  // pair. d->M is the rigid inertia, or, if this body replaces its entries, any.
+  void StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m, mjData* d);
 
   // Where control point j is in the world; needs d alone, so that several threads may ask.
   Vec3 WorldPosition(const mjData* d, int j) const;
@@ -118,6 +118,10 @@ class Kinematics {
   Vec3 PositionToLocal(const mjData* d, const Vec3& position) const;
   Vec3 ToLocal(const mjData* d, const Vec3& direction) const { return MulT(Axes(d), direction); }
 
+  // Whether its entries of d->M are replaced: where all nodes are slides along the axes, the rigid inertia of two of
+  // them is the mass at and below the lower one, which mj_makeM leaves in d->crb, and nobody else's to change.
+  bool replaces() const { return replaces_; }
+
   // Whether nodes are more than slides along the soft body's axes.
   bool turning() const { return turning_; }
 
@@ -130,15 +134,18 @@ class Kinematics {
  private:
   void FindPoints(const mjModel* m, int instance, Reader* reader);
   void FindNodes(const mjModel* m, int instance);
+  bool OwnsInertia(const mjModel* m, int instance) const;
   template <int N>
   void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
   void SumMass(const double* mass);
-  template <int N>
-  void StoreInertiaOf(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
+  void StoreSlideInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
+                         mjData* d);
+  void StoreTurningInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d);
 
   int outermost_ = -1;  // of the soft body's own bodies that move, −1 for none
   int holder_ = 0;      // body whose axes are the soft body's
   bool turning_ = false;
+  bool replaces_ = false;
   bool free_ = false;  // whether the first node moves all points
   std::vector<ControlPoint> points_;
   std::vector<Node> nodes_;  // ancestors first
@@ -151,6 +158,7 @@ class Kinematics {
   std::vector<Vec3> lever_;     // x − the middle of all, where they turn
   Vec3 middle_{};               // of all points, in the soft body's axes; zero where they only slide
   std::vector<Share> load_;     // mass and its moment at and below the nodes
+  std::vector<double> weight_;  // the mass alone, where they only slide
   std::vector<Vec3> slide_;     // of the nodes, where they only slide
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
   std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)

@@ -1,4 +1,4 @@
-// Four doubles that are computed on together: one AVX register, or two of SSE2.
+// Four doubles that are computed on together: one AVX register, or two of SSE2. Eight: one AVX-512 register.
 
 #ifndef MJFRAMES_PLUGIN_LANES_H_
 #define MJFRAMES_PLUGIN_LANES_H_
@@ -15,32 +15,53 @@
 namespace mjframes {
 
 inline constexpr int kLanes = 4;
+inline constexpr int kWideLanes = 8;
 
 using Lanes = double __attribute__((vector_size(kLanes * sizeof(double))));
+using WideLanes = double __attribute__((vector_size(kWideLanes * sizeof(double))));
+
+template <typename V>
+inline constexpr int kWidth = sizeof(V) / sizeof(double);
 
 constexpr int PadToLanes(int n) { return (n + kLanes - 1) / kLanes * kLanes; }
 
-MJFRAMES_INLINE Lanes Load(const double* p) {
-  Lanes a;
+template <typename V = Lanes>
+MJFRAMES_INLINE V Load(const double* p) {
+  V a;
   std::memcpy(&a, p, sizeof(a));
   return a;
 }
 
-MJFRAMES_INLINE void Store(const Lanes& a, double* p) { std::memcpy(p, &a, sizeof(a)); }
-
-MJFRAMES_INLINE Lanes Fill(double a) { return Lanes{a, a, a, a}; }
-
-MJFRAMES_INLINE Lanes Sqrt(const Lanes& a) {
-  return Lanes{std::sqrt(a[0]), std::sqrt(a[1]), std::sqrt(a[2]), std::sqrt(a[3])};
+template <typename V>
+MJFRAMES_INLINE void Store(const V& a, double* p) {
+  std::memcpy(p, &a, sizeof(a));
 }
 
-MJFRAMES_INLINE Lanes Abs(const Lanes& a) { return a < 0.0 ? -a : a; }
+template <typename V = Lanes>
+MJFRAMES_INLINE V Fill(double a) {
+  return a - V{};
+}
 
-MJFRAMES_INLINE Lanes Magnitude(Lanes a) { return a < 0 ? -a : a; }
+template <typename V>
+MJFRAMES_INLINE V Sqrt(const V& a) {
+  V root;
+  for (int lane = 0; lane < kWidth<V>; lane++) root[lane] = std::sqrt(a[lane]);
+  return root;
+}
+
+template <typename V>
+MJFRAMES_INLINE V Abs(const V& a) {
+  return a < 0.0 ? -a : a;
+}
 
 MJFRAMES_INLINE Lanes Positive(const Lanes& a) { return a > 0.0 ? a : Fill(0); }
 
-MJFRAMES_INLINE bool AnyPositive(const Lanes& a) { return a[0] > 0 || a[1] > 0 || a[2] > 0 || a[3] > 0; }
+template <typename V>
+MJFRAMES_INLINE bool AnyPositive(const V& a) {
+  bool any = false;
+  for (int lane = 0; lane < kWidth<V>; lane++) any = any || a[lane] > 0;
+  return any;
+}
 
 }  // namespace mjframes
 

@@ -7,6 +7,7 @@
 #include "hessian.h"
 #include "lanes.h"
 #include "multiversion.h"
+#include "scatter.h"
 
 namespace mjframes {
 namespace {
@@ -26,9 +27,10 @@ MJFRAMES_INLINE void Gradient(const double* by_point, const Vec3* x, int m, Lane
   }
 }
 
-MJFRAMES_INLINE Slopes SlopesOf(Law law, const LawParameters* material, const Invariants& is) {
-  Slopes of;
-  for (int lane = 0; lane < kLanes; lane++) {
+template <typename V>
+MJFRAMES_INLINE Slopes<V> SlopesOf(Law law, const LawParameters* material, const Invariants<V>& is) {
+  Slopes<V> of;
+  for (int lane = 0; lane < kWidth<V>; lane++) {
     const LawParameters& p = material[lane];
     const Stretch f = Respond(law, p, is.i1[lane]);
     of.f1[lane] = f.slope;
@@ -40,61 +42,110 @@ MJFRAMES_INLINE Slopes SlopesOf(Law law, const LawParameters* material, const In
   return of;
 }
 
-// Adds V_q P ∇W_j of four quadrature points to force (3 × padded) and, where `products` is given, writes
-// V_q (∂P/∂F) ∇W_k, entry (r, a), s at 3 (3r + a) + s, to it (4 × 27 × padded).
-MJFRAMES_MULTIVERSION
-void FourPoints(const QuadratureRegion& region, int q, const Vec3* x, double* __restrict force,
-                double* __restrict products) {
-  const int m = region.size(), padded = PadToLanes(m);
-  Lanes F[9], P[9];
-  Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * m, x, m, F);
-  const Invariants is = InvariantsOf(F);
-  const Slopes of = SlopesOf(region.law, region.material.data() + q, is);
-  FirstPiola(F, is, of, P);
-  const Lanes volume = Load(region.volume.data() + q);
-  for (Lanes& p : P) p *= volume;
+// V_q P of eight points from their F (9 × 8), and V_q ∂P/∂F where `hessian` is given.
+template <typename V>
+MJFRAMES_INLINE void RespondOf(Law law, const LawParameters* material, const double* volume, const double* gradient,
+                               double* stress, double* hessian) {
+  for (int lane = 0; lane < kWideLanes; lane += kWidth<V>) {
+    V F[9], P[9];
+    for (int e = 0; e < 9; e++) F[e] = Load<V>(gradient + e * kWideLanes + lane);
+    const Invariants<V> is = InvariantsOf(F);
+    const Slopes<V> of = SlopesOf(law, material + lane, is);
+    const V weight = Load<V>(volume + lane);
+    FirstPiola(F, is, of, P);
+    for (int e = 0; e < 9; e++) Store(weight * P[e], stress + e * kWideLanes + lane);
+    if (!hessian) continue;
+    V H[81];
+    ProjectedHessian(F, of, H);
+    for (int e = 0; e < 81; e++) Store(weight * H[e], hessian + e * kWideLanes + lane);
+  }
+}
 
-  const double* gradients = region.by_quadrature.data() + static_cast<size_t>(q) * 3 * padded;
-  for (int lane = 0; lane < kLanes; lane++) {
-    const double* g = gradients + static_cast<size_t>(lane) * 3 * padded;
+#ifdef MJFRAMES_TARGET
+MJFRAMES_TARGET("arch=x86-64-v4")
+void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
+                  double* hessian) {
+  RespondOf<WideLanes>(law, material, volume, gradient, stress, hessian);
+}
+
+MJFRAMES_TARGET("arch=x86-64-v3")
+void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
+                  double* hessian) {
+  RespondOf<Lanes>(law, material, volume, gradient, stress, hessian);
+}
+
+MJFRAMES_TARGET("default")
+#endif
+void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
+                  double* hessian) {
+  RespondOf<Lanes>(law, material, volume, gradient, stress, hessian);
+}
+
+// Entry of point n in arrays of eight points side by side.
+MJFRAMES_INLINE double* EntryOf(std::vector<double>* array, int entries, int n) {
+  return array->data() + static_cast<size_t>(n / kWideLanes) * entries * kWideLanes + n % kWideLanes;
+}
+
+// F of a region's points into the row of all.
+MJFRAMES_MULTIVERSION
+void StoreGradients(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
+  for (int q = 0; q < region.quadrature_points; q += kLanes) {
+    Lanes F[9];
+    Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * region.size(), scratch->x.data(), region.size(), F);
+    for (int lane = 0; lane < std::min(kLanes, region.quadrature_points - q); lane++) {
+      double* entry = EntryOf(&scratch->gradient, 9, first + q + lane);
+      for (int e = 0; e < 9; e++) entry[e * kWideLanes] = F[e][lane];
+    }
+  }
+}
+
+// Adds Σ_q V_q P ∇W_j of a region to force (3 × padded).
+MJFRAMES_MULTIVERSION
+void AddForce(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
+  const int padded = PadToLanes(region.size());
+  double* __restrict force = scratch->force.data();
+  const double* g = region.by_quadrature.data();
+  for (int q = 0; q < region.quadrature_points; q++, g += 3 * padded) {
+    const double* P = EntryOf(&scratch->stress, 9, first + q);
     for (int r = 0; r < 3; r++) {
-      const double p0 = At(P, 3 * r, lane), p1 = At(P, 3 * r + 1, lane), p2 = At(P, 3 * r + 2, lane);
+      const double p0 = P[3 * r * kWideLanes], p1 = P[(3 * r + 1) * kWideLanes], p2 = P[(3 * r + 2) * kWideLanes];
       for (int j = 0; j < padded; j += kLanes) {
         const Lanes sum = p0 * Load(g + j) + p1 * Load(g + padded + j) + p2 * Load(g + 2 * padded + j);
         Store(Load(force + r * padded + j) + sum, force + r * padded + j);
       }
     }
   }
-  if (!products) return;
+}
 
-  Lanes H[81];
-  ProjectedHessian(F, of, H);
-  for (Lanes& h : H) h *= volume;
-  for (int lane = 0; lane < kLanes; lane++) {
-    const double* g = gradients + static_cast<size_t>(lane) * 3 * padded;
-    double* out = products + static_cast<size_t>(lane) * 27 * padded;
-    for (int k = 0; k < padded; k += kLanes) {
-      const Lanes g0 = Load(g + k), g1 = Load(g + padded + k), g2 = Load(g + 2 * padded + k);
-      for (int n = 0; n < 27; n++) {
-        Store(At(H, 3 * n, lane) * g0 + At(H, 3 * n + 1, lane) * g1 + At(H, 3 * n + 2, lane) * g2,
-              out + n * padded + k);
-      }
+// V_q (∂P/∂F) ∇W_k of a region, columns from k on: entry (r, a), s at 3 (3r + a) + s of products (q × 27 × padded).
+template <typename V>
+MJFRAMES_INLINE void MultiplyColumns(const QuadratureRegion& region, int first, int k, QuadratureScratch* scratch) {
+  const int padded = PadToLanes(region.size());
+  double* __restrict out = scratch->products.data() + k;
+  const double* g = region.by_quadrature.data() + k;
+  for (int q = 0; q < region.quadrature_points; q++, g += 3 * padded) {
+    const double* H = EntryOf(&scratch->hessian, 81, first + q);
+    const V g0 = Load<V>(g), g1 = Load<V>(g + padded), g2 = Load<V>(g + 2 * padded);
+    for (int n = 0; n < 27; n++, H += 3 * kWideLanes, out += padded) {
+      Store(H[0] * g0 + H[kWideLanes] * g1 + H[2 * kWideLanes] * g2, out);
     }
   }
 }
 
-// Σ_q,a ∂_a W_j product[(r, a), s][k] of four j and four k: tile[3r + s][j][k].
-MJFRAMES_MULTIVERSION
-void Tile(const double* __restrict gradients, const double* __restrict products, int points, int padded,
-          double* __restrict tile) {
+// Adds Σ_q,a ∂_a W_j product[(r, a), s][k] of four j and one register of k to the pairs.
+template <typename V>
+MJFRAMES_INLINE void AddTile(const QuadratureRegion& region, const QuadratureScratch& scratch, int j0, int k0,
+                             double* stiffness) {
+  const int padded = PadToLanes(region.size());
+  V tile[kLanes][9];
   for (int r = 0; r < 3; r++) {
-    Lanes sum[12];
-    for (Lanes& s : sum) s = Fill(0);
-    for (int q = 0; q < points; q++) {
-      const double* g = gradients + static_cast<size_t>(q) * 3 * padded;
-      const double* t = products + (static_cast<size_t>(q) * 27 + 9 * r) * padded;
+    V sum[12];
+    for (V& s : sum) s = Fill<V>(0);
+    for (int q = 0; q < region.quadrature_points; q++) {
+      const double* g = region.by_quadrature.data() + static_cast<size_t>(q) * 3 * padded + j0;
+      const double* t = scratch.products.data() + (static_cast<size_t>(q) * 27 + 9 * r) * padded + k0;
       for (int a = 0; a < 3; a++, g += padded, t += 3 * padded) {
-        const Lanes t0 = Load(t), t1 = Load(t + padded), t2 = Load(t + 2 * padded);
+        const V t0 = Load<V>(t), t1 = Load<V>(t + padded), t2 = Load<V>(t + 2 * padded);
         for (int j = 0; j < kLanes; j++) {
           sum[j] += g[j] * t0;
           sum[4 + j] += g[j] * t1;
@@ -102,8 +153,44 @@ void Tile(const double* __restrict gradients, const double* __restrict products,
         }
       }
     }
-    for (int n = 0; n < 12; n++) Store(sum[n], tile + (12 * r + n) * kLanes);
+    for (int n = 0; n < 12; n++) tile[n % 4][3 * r + n / 4] = sum[n];
   }
+  for (int j = j0; j < std::min(j0 + kLanes, region.size()); j++) {
+    int32_t pair[kWidth<V>];
+    for (int k = 0; k < kWidth<V>; k++) pair[k] = k0 + k <= j ? region.pair[j * (j + 1) / 2 + k0 + k] : -1;
+    Scatter(tile[j - j0], pair, stiffness);
+  }
+}
+
+// Adds a region's blocks to the pairs.
+template <typename V>
+MJFRAMES_INLINE void AddBlocksOf(const QuadratureRegion& region, int first, QuadratureScratch* scratch,
+                                 double* stiffness) {
+  const int padded = PadToLanes(region.size());
+  int k = 0;
+  for (; k + kWidth<V> <= padded; k += kWidth<V>) MultiplyColumns<V>(region, first, k, scratch);
+  for (; k < padded; k += kLanes) MultiplyColumns<Lanes>(region, first, k, scratch);
+  for (int j = 0; j < padded; j += kLanes) {
+    for (k = 0; k + kWidth<V> <= j + kLanes; k += kWidth<V>) AddTile<V>(region, *scratch, j, k, stiffness);
+    for (; k <= j; k += kLanes) AddTile<Lanes>(region, *scratch, j, k, stiffness);
+  }
+}
+
+#ifdef MJFRAMES_TARGET
+MJFRAMES_TARGET("arch=x86-64-v4")
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
+  AddBlocksOf<WideLanes>(region, first, scratch, stiffness);
+}
+
+MJFRAMES_TARGET("arch=x86-64-v3")
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
+  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
+}
+
+MJFRAMES_TARGET("default")
+#endif
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
+  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
 }
 
 void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {
@@ -139,49 +226,55 @@ QuadratureRegion::QuadratureRegion(Law law, std::vector<int32_t> point, const do
 }
 
 QuadratureScratch::QuadratureScratch(const std::vector<QuadratureRegion>& regions) {
-  size_t points = 0, columns = 0, entries = 0;
+  size_t points = 0, columns = 0, entries = 0, count = 0;
   for (const QuadratureRegion& region : regions) {
     const size_t padded = PadToLanes(region.size());
     points = std::max(points, static_cast<size_t>(region.size()));
     columns = std::max(columns, padded);
-    entries = std::max(entries, padded * region.volume.size());
+    entries = std::max(entries, padded * region.quadrature_points);
+    first.push_back(static_cast<int>(count));
+    count += region.quadrature_points;
+    volume.insert(volume.end(), region.volume.begin(), region.volume.begin() + region.quadrature_points);
+    material.insert(material.end(), region.material.begin(), region.material.begin() + region.quadrature_points);
+  }
+  if (regions.empty()) return;
+  count = (count + kWideLanes - 1) / kWideLanes * kWideLanes;
+  volume.resize(count, 0);
+  material.resize(count, material.front());
+  gradient.resize(9 * count);
+  stress.resize(9 * count);
+  hessian.resize(81 * count);
+  for (size_t n = 0; n < count; n++) {  // points that fill up stay at rest
+    for (int e = 0; e < 9; e += 4) EntryOf(&gradient, 9, static_cast<int>(n))[e * kWideLanes] = 1;
   }
   x.resize(points);
   force.resize(3 * columns);
   products.resize(27 * entries);
 }
 
-void AddQuadratureRegion(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
-                         double* pair_stiffness) {
-  const int m = region.size(), padded = PadToLanes(m), points = static_cast<int>(region.volume.size());
-  Center(region, x, scratch);
-  double* sum = scratch->force.data();
-  double* products = pair_stiffness ? scratch->products.data() : nullptr;
-  std::fill_n(sum, 3 * padded, 0.0);
-  for (int q = 0; q < points; q += kLanes) {
-    double* four = products ? products + static_cast<size_t>(q) * 27 * padded : nullptr;
-    FourPoints(region, q, scratch->x.data(), sum, four);
+void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
+                   double* stiffness) {
+  if (regions.empty()) return;
+  for (size_t e = 0; e < regions.size(); e++) {
+    Center(regions[e], x, scratch);
+    StoreGradients(regions[e], scratch->first[e], scratch);
   }
-  for (int j = 0; j < m; j++) {
-    Vec3& f = force[region.point[j]];
-    f = f - Vec3{sum[j], sum[padded + j], sum[2 * padded + j]};
+  for (size_t n = 0; n < scratch->volume.size(); n += kWideLanes) {
+    RespondEight(regions.front().law, scratch->material.data() + n, scratch->volume.data() + n,
+                 scratch->gradient.data() + 9 * n, scratch->stress.data() + 9 * n,
+                 stiffness ? scratch->hessian.data() + 81 * n : nullptr);
   }
-  if (!pair_stiffness) return;
-
-  double tile[9 * kLanes * kLanes];
-  for (int j0 = 0; j0 < m; j0 += kLanes) {
-    for (int k0 = 0; k0 <= j0; k0 += kLanes) {
-      Tile(region.by_quadrature.data() + j0, products + k0, points, padded, tile);
-      for (int j = j0; j < std::min(j0 + kLanes, m); j++) {
-        for (int k = k0; k < std::min(k0 + kLanes, j + 1); k++) {
-          const int32_t index = region.pair[j * (j + 1) / 2 + k];
-          if (index < 0) continue;
-          double* target = pair_stiffness + 9 * static_cast<size_t>(index);
-          const double* entry = tile + (j - j0) * kLanes + (k - k0);
-          for (int e = 0; e < 9; e++) target[e] += entry[e * kLanes * kLanes];
-        }
-      }
+  for (size_t e = 0; e < regions.size(); e++) {
+    const QuadratureRegion& region = regions[e];
+    const int m = region.size(), padded = PadToLanes(m);
+    double* sum = scratch->force.data();
+    std::fill_n(sum, 3 * padded, 0.0);
+    AddForce(region, scratch->first[e], scratch);
+    for (int j = 0; j < m; j++) {
+      Vec3& f = force[region.point[j]];
+      f = f - Vec3{sum[j], sum[padded + j], sum[2 * padded + j]};
     }
+    if (stiffness) AddBlocks(region, scratch->first[e], scratch, stiffness);
   }
 }
 
@@ -191,7 +284,7 @@ double QuadratureEnergy(const QuadratureRegion& region, const Vec3* x, Quadratur
   for (int q = 0; q < region.quadrature_points; q += kLanes) {
     Lanes F[9];
     Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * region.size(), scratch->x.data(), region.size(), F);
-    const Invariants is = InvariantsOf(F);
+    const Invariants<Lanes> is = InvariantsOf(F);
     for (int lane = 0; lane < kLanes; lane++) {
       const LawParameters& p = region.material[q + lane];
       energy += region.volume[q + lane] * EnergyDensity(region.law, p, is.i1[lane], is.i2[lane], is.j[lane]);
@@ -205,7 +298,7 @@ void QuadratureStates(const QuadratureRegion& region, const Vec3* x, QuadratureS
   for (int q = 0; q < region.quadrature_points; q += kLanes) {
     Lanes F[9], P[9];
     Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * region.size(), scratch->x.data(), region.size(), F);
-    const Invariants is = InvariantsOf(F);
+    const Invariants<Lanes> is = InvariantsOf(F);
     FirstPiola(F, is, SlopesOf(region.law, region.material.data() + q, is), P);
     for (int lane = 0; lane < std::min(kLanes, region.quadrature_points - q); lane++) {
       PointState& state = states[q + lane];

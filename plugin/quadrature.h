@@ -34,12 +34,19 @@ struct QuadratureRegion {
   int size() const { return static_cast<int>(point.size()); }
 };
 
-// Scratch memory for the largest region of a body; allocated once.
+// What is computed of all points of all regions, in a row that is filled up to whole registers of eight, and memory
+// for the largest region; allocated once.
 struct QuadratureScratch {
   explicit QuadratureScratch(const std::vector<QuadratureRegion>& regions);
-  std::vector<Vec3> x;           // positions, centred                                           (m)
-  std::vector<double> force;     // by component                                                 (3 × m)
-  std::vector<double> products;  // V_q (∂P/∂F) ∇W_k                                             (q × 27 × m)
+  std::vector<int> first;               // of each region's points
+  std::vector<double> volume;           // V_q [m³]                                         (n)
+  std::vector<LawParameters> material;  //                                                  (n)
+  std::vector<double> gradient;         // F                                                (n/8 × 9 × 8)
+  std::vector<double> stress;           // V_q P                                            (n/8 × 9 × 8)
+  std::vector<double> hessian;          // V_q ∂P/∂F                                        (n/8 × 81 × 8)
+  std::vector<Vec3> x;                  // positions, centred                               (m)
+  std::vector<double> force;            // by component                                     (3 × m)
+  std::vector<double> products;         // V_q (∂P/∂F) ∇W_k                                 (q × 27 × m)
 };
 
 // At one quadrature point.
@@ -49,10 +56,11 @@ struct PointState {
   double energy;  // density [J/m³]
 };
 
-// Adds the region's elastic force to `force` and, where `pair_stiffness` is given, its stiffness, one row-major
-// 3×3 block a pair of control points (deeper, shallower), to it. x: all control points of the body [m].
-void AddQuadratureRegion(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
-                         double* pair_stiffness);
+// Adds the elastic force of all regions to `force` and, where `stiffness` is given, their stiffness, one row-major 3×3
+// block a pair of control points (deeper, shallower), to it. x: all control points of the body [m]. scratch: of these
+// regions.
+void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
+                   double* stiffness);
 
 // Σ_q V_q ψ [J], 0 at rest.
 double QuadratureEnergy(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch);

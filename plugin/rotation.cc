@@ -6,11 +6,7 @@
 namespace mjframes {
 namespace {
 
-constexpr int kNewtonSteps = 8;       // quadratic convergence: a guess within 1 rad needs 3 to 5
-constexpr double kConverged = 1e-8;   // [rad] quadratic convergence: the next correction is below rounding
-constexpr double kTrustRadius = 0.7;  // [rad] longest Newton correction that is followed
-constexpr int kJacobiSweeps = 12;     // a 4×4 symmetric matrix needs at most 6
-constexpr double kMinTwist = 1e-6;    // [-] relative to |F|: below, Newton's matrix is useless
+constexpr int kJacobiSweeps = 12;  // a 4×4 symmetric matrix needs at most 6
 
 Mat3 FromQuaternion(const std::array<double, 4>& q) {
   const double w = q[0], x = q[1], y = q[2], z = q[3];

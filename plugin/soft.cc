@@ -7,6 +7,7 @@
 #include <cstring>
 #include <string>
 
+#include "multiversion.h"
 #include "reader.h"
 
 namespace mjframes {
@@ -133,29 +134,14 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
       extent += Dot(region.rest[j], region.rest[j]);
     }
     region.inverse_extent = 1 / std::max(extent, mjMINVAL);
-    const size_t stride = PadToLanes(static_cast<int>(n));
-    region.stiffness.assign(n * stride, 0.0);
+    region.stiffness.resize(n * n);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {
-        region.stiffness[row * stride + col] = region.stiffness[col * stride + row] = stiffness[s++];
-      }
-    }
-    region.blocks.assign(BlockOffset(m), 0.0);
-    for (int j = 0; j < m; j++) {
-      for (int k = 0; k <= j; k++) {
-        for (int e = 0; e < 9; e++) {
-          region.blocks[BlockOffset(j) + e * BlockStride(j) + k] =
-              region.stiffness[(3 * j + e / 3) * stride + 3 * k + e % 3];
-        }
+        region.stiffness[row * n + col] = region.stiffness[col * n + row] = stiffness[s++];
       }
     }
     p += m;
     regions.push_back(std::move(region));
-  }
-  std::stable_sort(regions.begin(), regions.end(), [](const Region& a, const Region& b) { return a.point < b.point; });
-  for (size_t e = 0; e < regions.size(); e++) {
-    regions[e].starts = e == 0 || regions[e].point != regions[e - 1].point;
-    regions[e].ends = e + 1 == regions.size() || regions[e].point != regions[e + 1].point;
   }
   return regions;
 }
@@ -198,6 +184,38 @@ std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& coupli
 bool ChangesInertia(const mjModel* m, int instance) {
   const Reader reader(m, instance);
   return std::strcmp(reader.Text("mode"), "explicit") != 0 || reader.Has("region_mass");
+}
+
+// The kinematic trees whose inertia this plugin's instances change.
+std::vector<bool> ChangedTrees(const mjModel* m, int slot) {
+  std::vector<bool> changed(m->ntree, false);
+  for (int body = 1; body < m->nbody; body++) {
+    const int instance = m->body_plugin[body], tree = m->body_treeid[body];
+    if (instance >= 0 && tree >= 0 && m->plugin[instance] == slot && ChangesInertia(m, instance)) changed[tree] = true;
+  }
+  return changed;
+}
+
+// force −= K u, K by pairs of points. Neighbours among the pairs share their first point.
+MJFRAMES_MULTIVERSION
+void SubtractProduct(const std::vector<PointPair>& pairs, const double* __restrict K, const Vec3* __restrict u,
+                     Vec3* __restrict force) {
+  int at = 0;
+  Vec3 sum{};
+  for (const auto& [j, k, node_pair, flip] : pairs) {
+    if (j != at) {
+      force[at] = force[at] - sum;
+      sum = {};
+      at = j;
+    }
+    const Vec3 uj = u[j], uk = u[k];
+    for (int r = 0; r < 3; r++) sum[r] += K[3 * r] * uk[0] + K[3 * r + 1] * uk[1] + K[3 * r + 2] * uk[2];
+    if (j != k) {
+      for (int r = 0; r < 3; r++) force[k][r] -= K[r] * uj[0] + K[3 + r] * uj[1] + K[6 + r] * uj[2];
+    }
+    K += 9;
+  }
+  force[at] = force[at] - sum;
 }
 
 bool CanCollide(const mjModel* m, int a, int b) {
@@ -358,17 +376,20 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   }
 
   const int slot = m->plugin[instance];
-  body->starts_inertia_ = body->factors_inertia_ = body->changes_inertia_;
+  body->starts_inertia_ = body->changes_inertia_;
+  bool factors = body->changes_inertia_;
   body->last_ = true;
   for (int other = 0; other < m->nplugin; other++) {
     if (m->plugin[other] != slot || other == instance) continue;
     if (other > instance) body->last_ = false;
     if (!ChangesInertia(m, other)) continue;
-    (other < instance ? body->starts_inertia_ : body->factors_inertia_) = false;
+    (other < instance ? body->starts_inertia_ : factors) = false;
   }
+  if (factors) body->factor_ = std::make_unique<InertiaFactor>(m, ChangedTrees(m, slot));
   const size_t pairs = body->kinematics_.pairs().size();
   body->force_.resize(body->kinematics_.points().size());
   body->velocity_.resize(body->force_.size());
+  body->moved_.resize(body->force_.size());
   body->stiffness_.resize(9 * pairs);
   body->added_mass_.resize(pairs);
   int largest = 0;
@@ -383,7 +404,8 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
     body->held_.resize(9 * pairs);
   }
   body->quadrature_scratch_ = std::make_unique<QuadratureScratch>(body->quadrature_);
-  body->scratch_ = std::make_unique<RegionScratch>(largest);
+  body->batches_ = BatchesOf(body->regions_);
+  body->batch_scratch_ = std::make_unique<BatchScratch>(largest);
   if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m);
   return body;
 }
@@ -406,28 +428,37 @@ int SoftBody::FindPatch(int geom) const {
 }
 
 void SoftBody::Compute(const mjModel* m, mjData* d) {
-  const double h = m->opt.timestep;
   const bool awake = !kinematics_.Asleep(m, d);
   if (awake) {
     kinematics_.Gather(m, d);
     AddElasticity();
-    AddDamping(implicit_ ? h + beta_ : beta_);
+    AddDamping(implicit_ ? m->opt.timestep + beta_ : beta_);
     kinematics_.StoreForce(force_, d);
   }
   // compute may run again on the same position: start from the rigid inertia each time
-  if (starts_inertia_) mj_makeM(m, d);
-  if (changes_inertia_ && awake) StoreInertia(h, d);
-  if (factors_inertia_) mj_factorM(m, d);
+  if (starts_inertia_ && AnyAdds(m, d)) mj_makeM(m, d);
+  if (changes_inertia_ && awake) StoreInertia(m, d);
+  if (factor_) factor_->Factor(m, d);
   if (last_) WriteContactRows(m, d, contact_scratch_.get());
 }
 
+// Whether an instance adds to d->M what it does not replace.
+bool SoftBody::AnyAdds(const mjModel* m, const mjData* d) {
+  for (int instance = 0; instance < m->nplugin; instance++) {
+    const SoftBody* body = GetSoftBody(m, d, instance);
+    if (body && body->changes_inertia_ && !body->kinematics_.replaces()) return true;
+  }
+  return false;
+}
+
 // d->M += Jᵀ ((h² + h β) K + h α M) J, and the part of the mass that MuJoCo does not know of.
-void SoftBody::StoreInertia(double h, mjData* d) {
+void SoftBody::StoreInertia(const mjModel* m, mjData* d) {
+  const double h = m->opt.timestep;
   for (size_t i = 0; i < mass_.size(); i++) {
     added_mass_[i] = (implicit_ ? h * alpha_ * mass_[i] : 0) + mass_difference_[i];
   }
   kinematics_.StoreInertia(held_.empty() ? stiffness_.data() : held_.data(), implicit_ ? h * (h + beta_) : 0,
-                           added_mass_.data(), d);
+                           added_mass_.data(), m, d);
 }
 
 void SoftBody::AddElasticity() {
@@ -435,17 +466,11 @@ void SoftBody::AddElasticity() {
   std::fill(force_.begin(), force_.end(), Vec3{});
   std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
   std::fill(held_.begin(), held_.end(), 0.0);
-  // neighbouring regions turn alike, so each starts its rotation from the one before
-  Mat3 R = kIdentity;
-  for (const Region& region : regions_) {
-    R = RegionRotation(region, kinematics_.x().data(), R);
-    AddRegion(region, kinematics_.x().data(), R, scratch_.get(), force_.data(), stiffness ? stiffness_.data() : nullptr,
-              held_.empty() ? nullptr : held_.data());
-  }
-  for (const QuadratureRegion& region : quadrature_) {
-    AddQuadratureRegion(region, kinematics_.x().data(), quadrature_scratch_.get(), force_.data(),
-                        stiffness ? stiffness_.data() : nullptr);
-  }
+  double* held = held_.empty() ? nullptr : held_.data();
+  AddBatches(batches_, kinematics_.x().data(), batch_scratch_.get(), force_.data(),
+             stiffness ? stiffness_.data() : nullptr, held);
+  AddQuadrature(quadrature_, kinematics_.x().data(), quadrature_scratch_.get(), force_.data(),
+                stiffness ? stiffness_.data() : nullptr);
   if (quadrature_.empty() || held_.empty()) return;
   std::transform(stiffness_.begin(), stiffness_.end(), held_.begin(), [this](double k) { return enlargement_ * k; });
 }
@@ -456,14 +481,14 @@ void SoftBody::AddDamping(double rate) {
   // K is blind to a common velocity, but not to the last digit of a stiff K times a fast one
   Vec3 common{};
   for (const Vec3& some : v) common = common + (1.0 / v.size()) * some;
+  for (size_t j = 0; j < v.size(); j++) moved_[j] = rate * (v[j] - common);
+  SubtractProduct(kinematics_.pairs(), stiffness_.data(), moved_.data(), force_.data());
+  if (alpha_ == 0) return;
   for (size_t i = 0; i < kinematics_.pairs().size(); i++) {
-    const auto [j, k, sum, flip] = kinematics_.pairs()[i];
-    const double* block = stiffness_.data() + 9 * i;
-    Mat3 C;
-    for (int e = 0; e < 9; e++) C[e] = rate * block[e];
+    const PointPair& pair = kinematics_.pairs()[i];
     const double drag = alpha_ * mass_[i];
-    force_[j] = force_[j] - Mul(C, v[k] - common) - drag * v[k];
-    if (j != k) force_[k] = force_[k] - MulT(C, v[j] - common) - drag * v[j];
+    force_[pair.j] = force_[pair.j] - drag * v[pair.k];
+    if (pair.j != pair.k) force_[pair.k] = force_[pair.k] - drag * v[pair.j];
   }
 }
 
@@ -473,10 +498,10 @@ const Region& SoftBody::FindRegion(int number) const {
 
 double SoftBody::ElasticEnergy() {
   double energy = 0;
-  Mat3 R = kIdentity;
+  Mat3 R = kIdentity;  // neighbouring regions turn alike, so each starts its rotation from the one before
   for (const Region& region : regions_) {
     R = RegionRotation(region, kinematics_.x().data(), R);
-    energy += RegionEnergy(region, kinematics_.x().data(), R, scratch_.get());
+    energy += RegionEnergy(region, kinematics_.x().data(), R);
   }
   for (const QuadratureRegion& region : quadrature_) {
     energy += QuadratureEnergy(region, kinematics_.x().data(), quadrature_scratch_.get());

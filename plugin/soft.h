@@ -22,12 +22,14 @@
 #include "corotational.h"
 #include "deformed.h"
 #include "distance.h"
+#include "factor.h"
 #include "geom_features.h"
 #include "kinematics.h"
 #include "lattice.h"
 #include "linear.h"
 #include "patch_volume.h"
 #include "quadrature.h"
+#include "region_batch.h"
 
 namespace mjframes {
 
@@ -67,15 +69,18 @@ class SoftBody {
   void AssignMass();
   void AddElasticity();
   void AddDamping(double rate);
-  void StoreInertia(double h, mjData* d);
+  static bool AnyAdds(const mjModel* m, const mjData* d);
+  void StoreInertia(const mjModel* m, mjData* d);
 
   bool implicit_ = true, changes_inertia_ = true;
-  bool starts_inertia_ = false, factors_inertia_ = false;  // first, last of the model's instances that change it
-  bool last_ = false;                                      // of all instances
-  double alpha_ = 0, beta_ = 0;                            // Rayleigh damping [1/s], [s]
-  double contact_radius_ = 0;                              // [m]
+  bool starts_inertia_ = false;            // first of the model's instances that change it
+  std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
+  bool last_ = false;                      // of all instances
+  double alpha_ = 0, beta_ = 0;            // Rayleigh damping [1/s], [s]
+  double contact_radius_ = 0;              // [m]
   Kinematics kinematics_;
   std::vector<Region> regions_;               // of the law `corotational`
+  std::vector<RegionBatch> batches_;          // the same, side by side
   std::vector<QuadratureRegion> quadrature_;  // of another law
   double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
   std::vector<Patch> patches_;
@@ -89,11 +94,12 @@ class SoftBody {
 
   // of this step; one SoftBody belongs to one mjData
   std::vector<Vec3> force_;         // on the control points
+  std::vector<Vec3> moved_;         // rate times the velocities without their mean, see AddDamping [m]
   std::vector<Vec3> velocity_;      // of the control points in the world, for sensors
   std::vector<double> stiffness_;   // K, 3×3 row-major block a pair
   std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
   std::vector<double> added_mass_;  // of each pair: h α m + mass difference
-  std::unique_ptr<RegionScratch> scratch_;
+  std::unique_ptr<BatchScratch> batch_scratch_;
   std::unique_ptr<QuadratureScratch> quadrature_scratch_;
   std::unique_ptr<ContactScratch> contact_scratch_;
 };

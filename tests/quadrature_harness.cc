@@ -38,7 +38,7 @@ EXPORT int respond(const char* name, const double* constants, int n, const doubl
       }
     }
     double stiffness[90] = {};
-    AddQuadratureRegion(regions[0], x, &scratch, force, stiffness);
+    AddQuadrature(regions, x, &scratch, force, stiffness);
     for (int r = 0; r < 3; r++) {
       for (int a = 0; a < 3; a++) P[9 * i + 3 * r + a] = -force[a + 1][r];
     }
@@ -71,7 +71,7 @@ EXPORT double region(const char* name, const double* constants, const int32_t* c
                                                                   material.data(), q, {pair, pair + m * (m + 1) / 2}));
   QuadratureScratch scratch(regions);
   const Vec3* positions = reinterpret_cast<const Vec3*>(x);
-  AddQuadratureRegion(regions[0], positions, &scratch, reinterpret_cast<Vec3*>(force), pair_stiffness);
+  AddQuadrature(regions, positions, &scratch, reinterpret_cast<Vec3*>(force), pair_stiffness);
   return QuadratureEnergy(regions[0], positions, &scratch);
 }
 

@@ -1,0 +1,213 @@
+// Kinematics::StoreInertia: Jᵀ B J of all pairs of control points into d->M.
+//
+//   at nodes (n, u ≤ n): S_nᵀ (Σ_jk X_jᵀ B_jk X_k) S_u,   j at and below n, k at and below u
+//
+// The blocks of the node pairs are summed over subtrees, first by rows, from the leaves up, then by columns, along each
+// path. What the points of one node and of another add to a third pair above both is in the sums of both.
+
+#include <algorithm>
+#include <cstddef>
+
+#include "kinematics.h"
+#include "lanes.h"
+#include "multiversion.h"
+
+namespace mjframes {
+namespace {
+
+// Σ += block, seen from the twists of the two nodes.
+void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed, double* sum) {
+  const Mat3 right = Mul(block, Skew(-1.0 * xk));  // X_k = [I, −[x_k]×]
+  const Mat3 left = Skew(xj);
+  const Mat3 quarter[4] = {block, right, Mul(left, block), Mul(left, right)};
+  for (int row = 0; row < 6; row++) {
+    for (int column = 0; column < 6; column++) {
+      const double value = quarter[2 * (row / 3) + column / 3][3 * (row % 3) + column % 3];
+      sum[transposed ? 6 * column + row : 6 * row + column] += value;
+    }
+  }
+}
+
+// Translations of all points strain nothing: their columns (and rows) hold mass alone, to the last digit. Summed from
+// blocks of K they would be its rounding errors, as large as M where h²K/m is 1e16.
+void StripTranslation(const Share& load, bool rows, double* total) {
+  const Mat3 moment = Skew(load.moment);
+  for (int r = 0; r < 6; r++) {
+    for (int c = 0; c < 3; c++) {
+      total[6 * r + c] = r < 3 ? (r == c ? load.weight : 0) : moment[3 * (r - 3) + c];
+      if (rows) total[6 * c + r] = total[6 * r + c];
+    }
+  }
+}
+
+// Σ B of the node pairs that slide, 9 a pair, and the mass at each node into `weight`.
+MJFRAMES_MULTIVERSION
+void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoint>& points, const double* stiffness,
+              double scale, const double* mass, double* __restrict sums, double* __restrict weight) {
+  for (size_t i = 0; i < pairs.size(); i++) {
+    const PointPair& pair = pairs[i];
+    const int nj = points[pair.j].node, nk = points[pair.k].node;
+    if (nj >= 0) weight[nj] += mass[i];
+    if (nk >= 0 && pair.j != pair.k) weight[nk] += mass[i];
+    if (pair.sum < 0) continue;
+    const double* block = stiffness + 9 * i;
+    double* sum = sums + 9 * static_cast<size_t>(pair.sum);
+    const bool twice = pair.j != pair.k && nj == nk;
+    if (!pair.flip) {
+      for (int e = 0; e < 9; e++) sum[e] += scale * block[e];
+    }
+    if (pair.flip || twice) {
+      for (int e = 0; e < 9; e++) sum[e] += scale * block[3 * (e % 3) + e / 3];
+    }
+    for (int r = 0; r < 3; r++) sum[4 * r] += twice ? 2 * mass[i] : mass[i];
+  }
+}
+
+// By rows: a node's own pair becomes the sum over its subtree's square.
+MJFRAMES_MULTIVERSION
+void SumSubtrees(const std::vector<Node>& nodes, double* sums, double* weight) {
+  for (size_t n = nodes.size(); n-- > 1;) {
+    const Node& node = nodes[n];
+    if (node.parent < 0) continue;
+    const Node& parent = nodes[node.parent];
+    weight[node.parent] += weight[n];
+    const double* __restrict row = sums + 9 * static_cast<size_t>(node.pair);
+    double* __restrict into = sums + 9 * static_cast<size_t>(parent.pair);
+    for (int e = 0; e < 9 * parent.depth; e++) into[e] += row[e];
+    const double* cross = row + 9 * parent.depth;
+    const double* own = row + 9 * node.depth;
+    into += 9 * parent.depth;
+    for (int e = 0; e < 9; e++) into[e] += own[e] + cross[e] + cross[3 * (e % 3) + e / 3];
+  }
+}
+
+// By columns: row[depth] becomes the sum from there on.
+MJFRAMES_MULTIVERSION
+void SumPath(double* row, int depth) {
+  Lanes front = Load(row + 9 * depth), back = Load(row + 9 * depth + 4);
+  double last = row[9 * depth + 8];
+  for (int upper = depth - 1; upper >= 0; upper--) {
+    double* at = row + 9 * upper;
+    Store(front += Load(at), at);
+    Store(back += Load(at + 4), at + 4);
+    at[8] = last += at[8];
+  }
+}
+
+}  // namespace
+
+void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
+                              mjData* d) {
+  turning_ ? StoreTurningInertia(stiffness, stiffness_scale, mass, d)
+           : StoreSlideInertia(stiffness, stiffness_scale, mass, m, d);
+}
+
+void Kinematics::StoreSlideInertia(const double* stiffness, double stiffness_scale, const double* mass,
+                                   const mjModel* m, mjData* d) {
+  std::fill(sum_.begin(), sum_.end(), 0.0);
+  std::fill(weight_.begin(), weight_.end(), 0.0);
+  SumPairs(pairs_, points_, stiffness, stiffness_scale, mass, sum_.data(), weight_.data());
+  SumSubtrees(nodes_, sum_.data(), weight_.data());
+  for (size_t n = 0; n < nodes_.size(); n++) {
+    const Node& node = nodes_[n];
+    double* row = sum_.data() + 9 * static_cast<size_t>(node.pair);
+    SumPath(row, node.depth);
+    if (free_) {  // see StripTranslation
+      for (int e = 0; e < 9; e++) row[e] = e % 4 == 0 ? weight_[n] : 0;
+    }
+    const int* entry = entry_.data() + node.entry;  // of a row of d->M, whose columns of one path are neighbours
+    for (int a = 0; a < 3; entry += 3 * node.depth + a + 1, a++) {
+      double* M = d->M + *entry;
+      const int columns = 3 * node.depth + a + 1;
+      if (replaces_) {
+        std::fill_n(M, columns, 0.0);
+        for (int b = a; b < columns; b += 3) M[b] = d->crb[10 * node.body + 9];
+        M[columns - 1] += m->dof_armature[node.dof + a];
+      }
+      for (int b = 0; b < columns; b++) M[b] += row[9 * (b / 3) + 3 * a + b % 3];
+    }
+  }
+}
+
+// Row sums of the mass at and below each node, and their moments.
+void Kinematics::SumMass(const double* mass) {
+  std::fill(load_.begin(), load_.end(), Share{});
+  const auto add = [this](int j, double m) {
+    Share& load = load_[points_[j].node];
+    load.weight += m;
+    load.moment = load.moment + m * lever_[j];
+  };
+  for (size_t i = 0; i < pairs_.size(); i++) {
+    add(pairs_[i].j, mass[i]);
+    if (pairs_[i].j != pairs_[i].k) add(pairs_[i].k, mass[i]);
+  }
+  for (size_t n = nodes_.size(); n-- > 1;) {
+    Share& into = load_[nodes_[n].parent];
+    into.weight += load_[n].weight;
+    into.moment = into.moment + load_[n].moment;
+  }
+}
+
+void Kinematics::StoreTurningInertia(const double* stiffness, double stiffness_scale, const double* mass, mjData* d) {
+  constexpr int kSize = 36;
+  std::fill(sum_.begin(), sum_.end(), 0.0);
+  for (size_t i = 0; i < pairs_.size(); i++) {
+    const PointPair& pair = pairs_[i];
+    if (pair.sum < 0) continue;
+    Mat3 block;
+    for (int e = 0; e < 9; e++) block[e] = stiffness_scale * stiffness[9 * i + e];
+    for (int r = 0; r < 3; r++) block[4 * r] += mass[i];
+    double* sum = sum_.data() + kSize * static_cast<size_t>(pair.sum);
+    AddBlock(block, lever_[pair.j], lever_[pair.k], pair.flip, sum);
+    if (pair.j != pair.k && points_[pair.j].node == points_[pair.k].node) {
+      AddBlock(block, lever_[pair.j], lever_[pair.k], true, sum);
+    }
+  }
+  if (free_) SumMass(mass);
+  // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
+  for (size_t n = nodes_.size(); n-- > 1;) {
+    const Node& node = nodes_[n];
+    if (node.parent < 0) continue;
+    const Node& parent = nodes_[node.parent];
+    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
+    double* into = sum_.data() + kSize * static_cast<size_t>(parent.pair);
+    for (int e = 0; e < kSize * parent.depth; e++) into[e] += row[e];
+    const double* cross = row + kSize * parent.depth;
+    const double* own = row + kSize * node.depth;
+    double* parent_own = into + kSize * parent.depth;
+    for (int e = 0; e < kSize; e++) parent_own[e] += own[e] + cross[e] + cross[6 * (e % 6) + e / 6];
+  }
+  // columns: along each path, from the node up to the outermost one
+  for (const Node& node : nodes_) {
+    double total[kSize] = {};
+    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
+    int columns = 0;  // of the path above and of this node
+    for (int n = static_cast<int>(&node - nodes_.data()); n >= 0; n = nodes_[n].parent) columns += nodes_[n].dofs;
+    const int above = columns - node.dofs;
+    int n = static_cast<int>(&node - nodes_.data()), first = above;
+    for (int depth = node.depth; depth >= 0; depth--, n = nodes_[n].parent) {
+      const Node& upper = nodes_[n];
+      for (int e = 0; e < kSize; e++) total[e] += row[kSize * depth + e];
+      if (free_ && depth == 0) StripTranslation(load_[&node - nodes_.data()], depth == node.depth, total);
+      const int* entry = entry_.data() + node.entry + first;
+      for (int a = 0; a < node.dofs; a++) {
+        const int count = depth == node.depth ? a + 1 : upper.dofs;
+        const double* Sa = twist_.data() + 6 * (node.twist + a);
+        double left[6] = {};
+        for (int r = 0; r < 6; r++) {
+          for (int c = 0; c < 6; c++) left[c] += Sa[r] * total[6 * r + c];
+        }
+        for (int b = 0; b < count; b++) {
+          const double* Sb = twist_.data() + 6 * (upper.twist + b);
+          double value = 0;
+          for (int c = 0; c < 6; c++) value += left[c] * Sb[c];
+          d->M[entry[b]] += value;
+        }
+        entry += above + a + 1;  // the next row of this node
+      }
+      if (upper.parent >= 0) first -= nodes_[upper.parent].dofs;
+    }
+  }
+}
+
+}  // namespace mjframes

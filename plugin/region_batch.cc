@@ -1,0 +1,68 @@
+#include "region_batch.h"
+
+#include <algorithm>
+
+namespace mjframes {
+namespace {
+
+RegionBatch BatchOf(const std::vector<const Region*>& regions) {
+  RegionBatch batch;
+  const int m = batch.size = regions.front()->size();
+  const size_t blocks = static_cast<size_t>(m) * (m + 1) / 2;
+  batch.point.assign(kWideLanes * static_cast<size_t>(m), 0);
+  batch.present.assign(kWideLanes * static_cast<size_t>(m), 0);
+  batch.rest.assign(kWideLanes * 3 * static_cast<size_t>(m), 0);
+  batch.gradient = batch.rest;
+  batch.stiffness.assign(kWideLanes * 9 * blocks, 0);
+  batch.pair.assign(kWideLanes * blocks, -1);
+  for (int lane = 0; lane < kWideLanes; lane++) {
+    // lanes without a region have the first one's shape, without its stiffness
+    const bool filled = lane < static_cast<int>(regions.size());
+    const Region& region = *regions[filled ? lane : 0];
+    batch.inverse_size[lane] = 1.0 / region.size();
+    batch.inverse_extent[lane] = region.inverse_extent;
+    batch.enlargement[lane] = region.enlargement;
+    for (int j = 0, block = 0; j < region.size(); j++) {
+      batch.point[kWideLanes * j + lane] = region.point[j];
+      batch.present[kWideLanes * j + lane] = 1;
+      for (int r = 0; r < 3; r++) {
+        batch.rest[kWideLanes * (3 * j + r) + lane] = region.rest[j][r];
+        batch.gradient[kWideLanes * (3 * j + r) + lane] = region.gradient[j][r];
+      }
+      for (int k = 0; filled && k <= j; k++, block++) {
+        batch.pair[kWideLanes * block + lane] = region.pair[block];
+        for (int e = 0; e < 9; e++) {
+          batch.stiffness[kWideLanes * (9 * static_cast<size_t>(block) + e) + lane] =
+              region.stiffness[(3 * j + e / 3) * 3 * static_cast<size_t>(region.size()) + 3 * k + e % 3];
+        }
+      }
+    }
+  }
+  return batch;
+}
+
+}  // namespace
+
+BatchScratch::BatchScratch(int max_points) {
+  const size_t lanes = kWideLanes * static_cast<size_t>(max_points);
+  z.resize(3 * lanes);
+  h.resize(3 * lanes);
+  product.resize(12 * lanes);
+  g.resize(9 * lanes);
+}
+
+std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions) {
+  std::vector<const Region*> order;
+  for (const Region& region : regions) order.push_back(&region);
+  std::stable_sort(order.begin(), order.end(), [](const Region* a, const Region* b) {
+    return a->size() != b->size() ? a->size() > b->size() : a->point < b->point;
+  });
+  std::vector<RegionBatch> batches;
+  for (size_t e = 0; e < order.size(); e += kWideLanes) {
+    const size_t end = std::min(e + kWideLanes, order.size());
+    batches.push_back(BatchOf({order.begin() + e, order.begin() + end}));
+  }
+  return batches;
+}
+
+}  // namespace mjframes

@@ -1,0 +1,328 @@
+#include <algorithm>
+#include <cmath>
+
+#include "lanes_linear.h"
+#include "multiversion.h"
+#include "region_batch.h"
+#include "rotation.h"
+#include "rotation_lanes.h"
+#include "scatter.h"
+
+namespace mjframes {
+namespace {
+
+// Below this smallest eigenvalue of H the rotation is ill determined (flattened or inverted region) and a
+// rotation fitted to the shape takes over, weighted by λ = (kSoftTwist − h_min) / kSoftTwist; at rest h_min = 2.
+constexpr double kSoftTwist = 0.1;  // [-]
+
+// [-] of A Z. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
+constexpr double kSingular = 1e-8;
+
+// A⁻¹; where A has rank two, as s (I − u uᵀ) for points along u, its pseudo-inverse; zero for less.
+Mat3 PseudoInverse(const Mat3& A) {
+  double size = 0;
+  for (const double a : A) size = std::max(size, std::abs(a));
+  if (std::abs(Det(A)) > kSingular * size * size * size) return Inverse(A);
+  const Vec3 row[3] = {{A[0], A[1], A[2]}, {A[3], A[4], A[5]}, {A[6], A[7], A[8]}};
+  Vec3 axis{};
+  for (int r = 0; r < 3; r++) {
+    const Vec3 normal = Cross(row[r], row[(r + 1) % 3]);
+    if (Dot(normal, normal) > Dot(axis, axis)) axis = normal;
+  }
+  const double length = Norm(axis);
+  if (!(length > kSingular * size * size)) return {};
+  axis = (1 / length) * axis;
+  Mat3 filled = A;
+  for (int e = 0; e < 9; e++) filled[e] += size * axis[e / 3] * axis[e % 3];
+  if (std::abs(Det(filled)) < kSingular * size * size * size) return {};
+  Mat3 inverse = Inverse(filled);
+  for (int e = 0; e < 9; e++) inverse[e] -= axis[e / 3] * axis[e % 3] / size;
+  return inverse;
+}
+
+// The lanes from `first` on that one call computes: V of the batch's eight.
+template <typename V>
+struct Half {
+  const RegionBatch& batch;
+  int first;
+
+  MJFRAMES_INLINE V Of(const double* array, size_t entry) const { return Load<V>(array + kWideLanes * entry + first); }
+  MJFRAMES_INLINE void Put(const V& value, double* array, size_t entry) const {
+    Store(value, array + kWideLanes * entry + first);
+  }
+};
+
+// z_j = Rᵀ x_j centred, and R.
+template <typename V>
+MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R) {
+  const RegionBatch& batch = half.batch;
+  double* z = scratch->z.data();
+  V mean[3] = {}, F[9] = {};
+  for (int j = 0; j < batch.size; j++) {
+    const int32_t* point = batch.point.data() + kWideLanes * j + half.first;
+    const V present = half.Of(batch.present.data(), j);
+    for (int r = 0; r < 3; r++) {
+      V at;
+      for (int lane = 0; lane < kWidth<V>; lane++) at[lane] = x[point[lane]][r];
+      for (int c = 0; c < 3; c++) F[3 * r + c] += at * half.Of(batch.gradient.data(), 3 * j + c);
+      mean[r] += present * at;
+      half.Put(at, z, 3 * j + r);
+    }
+  }
+  FollowRotation(F, R);
+  // centred: positions far from the origin would cost digits, translations carry no energy
+  for (V& m : mean) m *= Load<V>(batch.inverse_size + half.first);
+  for (int j = 0; j < batch.size; j++) {
+    const V present = half.Of(batch.present.data(), j);
+    V d[3];
+    for (int r = 0; r < 3; r++) d[r] = present * (half.Of(z, 3 * j + r) - mean[r]);
+    for (int r = 0; r < 3; r++) half.Put(R[r] * d[0] + R[3 + r] * d[1] + R[6 + r] * d[2], z, 3 * j + r);
+  }
+}
+
+// λ of each region.
+template <typename V>
+MJFRAMES_INLINE V SoftTwist(const Half<V>& half, const double* z) {
+  V S[9] = {};
+  for (int j = 0; j < half.batch.size; j++) {
+    for (int e = 0; e < 9; e++) {
+      S[e] += half.Of(z, 3 * j + e / 3) * half.Of(half.batch.gradient.data(), 3 * j + e % 3);
+    }
+  }
+  S[1] = S[3] = 0.5 * (S[1] + S[3]);
+  S[2] = S[6] = 0.5 * (S[2] + S[6]);
+  S[5] = S[7] = 0.5 * (S[5] + S[7]);
+  V lambda = {};
+  for (int lane = 0; lane < kWidth<V>; lane++) {
+    const Mat3 one = LaneOf(S, lane);
+    if (!TwistExceeds(one, kSoftTwist)) lambda[lane] = std::max(0.0, kSoftTwist - SmallestTwist(one)) / kSoftTwist;
+  }
+  return lambda;
+}
+
+// h_j = ḡ_j + 2 λ z_j / Σ|x̄|² and (A Z)⁻¹, A Z = Σ_j (h_j·z_j) I − z_j h_jᵀ.
+template <typename V>
+MJFRAMES_INLINE void Constrain(const Half<V>& half, BatchScratch* scratch, V* inverse) {
+  const double* z = scratch->z.data();
+  const V weight = 2.0 * SoftTwist(half, z) * Load<V>(half.batch.inverse_extent + half.first);
+  V AZ[9] = {};
+  for (int j = 0; j < half.batch.size; j++) {
+    V zj[3], h[3];
+    for (int r = 0; r < 3; r++) {
+      zj[r] = half.Of(z, 3 * j + r);
+      h[r] = half.Of(half.batch.gradient.data(), 3 * j + r) + weight * zj[r];
+      half.Put(h[r], scratch->h.data(), 3 * j + r);
+    }
+    const V hz = h[0] * zj[0] + h[1] * zj[1] + h[2] * zj[2];
+    for (int e = 0; e < 9; e++) AZ[e] -= zj[e / 3] * h[e % 3];
+    for (int r = 0; r < 3; r++) AZ[4 * r] += hz;
+  }
+  const V determinant = Adjugate(AZ, inverse);
+  V size = Abs(AZ[0]);
+  for (int e = 1; e < 9; e++) size = size > Abs(AZ[e]) ? size : Abs(AZ[e]);
+  const auto regular = Abs(determinant) > kSingular * size * size * size;
+  const V factor = 1.0 / determinant;
+  for (int e = 0; e < 9; e++) inverse[e] *= factor;
+  for (int lane = 0; lane < kWidth<V>; lane++) {
+    if (regular[lane]) continue;  // points on a line can turn about it unseen
+    const Mat3 one = PseudoInverse(LaneOf(AZ, lane));
+    for (int e = 0; e < 9; e++) inverse[e][lane] = one[e];
+  }
+}
+
+// y, z of a point, and what K's block and its transpose do to [y | Z], Z's columns being e_c × z.
+template <typename V>
+struct Columns {
+  V y[3], z[3];
+
+  MJFRAMES_INLINE Columns(const Half<V>& half, const double* all, int j) {
+    for (int r = 0; r < 3; r++) {
+      z[r] = half.Of(all, 3 * j + r);
+      y[r] = z[r] - half.Of(half.batch.rest.data(), 3 * j + r);
+    }
+  }
+};
+
+// sum[3 c + r] += Σ_s K_rs [y | Z]_sc; row, column: strides of r and s in K.
+template <int kRow, int kColumn, typename V>
+MJFRAMES_INLINE void AddProduct(const V* K, const Columns<V>& of, V* sum) {
+  for (int r = 0; r < 3; r++) {
+    const V k0 = K[kRow * r], k1 = K[kRow * r + kColumn], k2 = K[kRow * r + 2 * kColumn];
+    sum[r] += k0 * of.y[0] + k1 * of.y[1] + k2 * of.y[2];
+    sum[3 + r] += k2 * of.z[1] - k1 * of.z[2];
+    sum[6 + r] += k0 * of.z[2] - k2 * of.z[0];
+    sum[9 + r] += k1 * of.z[0] - k0 * of.z[1];
+  }
+}
+
+// product = K_e [y | Z]
+template <typename V>
+MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
+  const double* stiffness = half.batch.stiffness.data();
+  double* product = scratch->product.data();
+  for (int j = 0, block = 0; j < half.batch.size; j++) {
+    const Columns<V> of_j(half, scratch->z.data(), j);
+    V sum[12] = {}, K[9];
+    for (int k = 0; k < j; k++, block++) {
+      for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * static_cast<size_t>(block) + e);
+      AddProduct<3, 1>(K, Columns<V>(half, scratch->z.data(), k), sum);
+      V below[12];
+      for (int c = 0; c < 12; c++) below[c] = half.Of(product, 12 * k + c);
+      AddProduct<1, 3>(K, of_j, below);
+      for (int c = 0; c < 12; c++) half.Put(below[c], product, 12 * k + c);
+    }
+    for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * static_cast<size_t>(block) + e);
+    AddProduct<3, 1>(K, of_j, sum);
+    block++;
+    for (int c = 0; c < 12; c++) half.Put(sum[c], product, 12 * j + c);
+  }
+}
+
+template <typename V>
+MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse, const BatchScratch& scratch,
+                              Vec3* force) {
+  const double* product = scratch.product.data();
+  V torque[3] = {}, s[3];
+  for (int j = 0; j < half.batch.size; j++) {
+    V z[3], w[3], moment[3];
+    for (int r = 0; r < 3; r++) {
+      z[r] = half.Of(scratch.z.data(), 3 * j + r);
+      w[r] = half.Of(product, 12 * j + r);
+    }
+    Cross3(z, w, moment);
+    for (int r = 0; r < 3; r++) torque[r] += moment[r];
+  }
+  for (int r = 0; r < 3; r++) s[r] = inverse[r] * torque[0] + inverse[3 + r] * torque[1] + inverse[6 + r] * torque[2];
+  for (int j = 0; j < half.batch.size; j++) {
+    V h[3], w[3];
+    for (int r = 0; r < 3; r++) h[r] = half.Of(scratch.h.data(), 3 * j + r);
+    Cross3(h, s, w);
+    for (int r = 0; r < 3; r++) w[r] += half.Of(product, 12 * j + r);
+    const int32_t* point = half.batch.point.data() + kWideLanes * j + half.first;
+    for (int r = 0; r < 3; r++) {
+      const V f = R[3 * r] * w[0] + R[3 * r + 1] * w[1] + R[3 * r + 2] * w[2];
+      for (int lane = 0; lane < kWidth<V>; lane++) force[point[lane]][r] -= f[lane];
+    }
+  }
+}
+
+// G_j
+template <typename V>
+MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
+  const double* product = scratch->product.data();
+  V ZU[9] = {};  // Zᵀ U
+  for (int j = 0; j < half.batch.size; j++) {
+    V z[3], u[3], moment[3];
+    for (int r = 0; r < 3; r++) z[r] = half.Of(scratch->z.data(), 3 * j + r);
+    for (int c = 0; c < 3; c++) {
+      for (int r = 0; r < 3; r++) u[r] = half.Of(product, 12 * j + 3 * (1 + c) + r);
+      Cross3(z, u, moment);
+      for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
+    }
+  }
+  for (int j = 0; j < half.batch.size; j++) {
+    V h[3], N[9], correction[9], left[9], G[9];
+    for (int r = 0; r < 3; r++) h[r] = half.Of(scratch->h.data(), 3 * j + r);
+    for (int r = 0; r < 9; r += 3) Cross3(inverse + r, h, N + r);  // a row times [h]×
+    MulT3(N, ZU, correction);
+    for (int e = 0; e < 9; e++) left[e] = half.Of(product, 12 * j + 3 + 3 * (e % 3) + e / 3) - 0.5 * correction[e];
+    Mul3(left, inverse, G);
+    for (int e = 0; e < 9; e++) half.Put(G[e], scratch->g.data(), 9 * j + e);
+  }
+}
+
+// R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
+template <typename V>
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, double* stiffness,
+                                  double* held) {
+  const V enlargement = Load<V>(half.batch.enlargement + half.first);
+  const int32_t* pair = half.batch.pair.data() + half.first;
+  size_t entry = 0;
+  for (int j = 0; j < half.batch.size; j++) {
+    V Gj[9], hj[3];
+    for (int e = 0; e < 9; e++) Gj[e] = half.Of(scratch.g.data(), 9 * j + e);
+    for (int r = 0; r < 3; r++) hj[r] = half.Of(scratch.h.data(), 3 * j + r);
+    for (int k = 0; k <= j; k++, entry += 9, pair += kWideLanes) {
+      V block[9], left[9], Gk[9], hk[3];
+      for (int e = 0; e < 9; e++) Gk[e] = half.Of(scratch.g.data(), 9 * k + e);
+      for (int r = 0; r < 3; r++) hk[r] = half.Of(scratch.h.data(), 3 * k + r);
+      for (int r = 0; r < 3; r++) {
+        const int t = (r + 1) % 3, u = (r + 2) % 3;
+        for (int s = 0; s < 3; s++) {
+          const int v = (s + 1) % 3, w = (s + 2) % 3;
+          block[3 * r + s] = half.Of(half.batch.stiffness.data(), entry + 3 * r + s) -
+                             (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
+                             (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
+        }
+      }
+      Mul3(R, block, left);
+      for (int e = 0; e < 9; e++) {
+        const V* row = left + e / 3 * 3;
+        const V* axis = R + e % 3 * 3;
+        block[e] = row[0] * axis[0] + row[1] * axis[1] + row[2] * axis[2];
+      }
+      Scatter(block, pair, stiffness);
+      if (!held) continue;
+      for (V& b : block) b *= enlargement;
+      Scatter(block, pair, held);
+    }
+  }
+}
+
+template <typename V>
+MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force,
+                                double* stiffness, double* held) {
+  for (int first = 0; first < kWideLanes; first += kWidth<V>) {
+    const Half<V> half{batch, first};
+    V R[9], inverse[9];
+    for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
+    Unturn(half, x, scratch, R);
+    for (int e = 0; e < 9; e++) half.Put(R[e], scratch->rotation, e);
+    Constrain(half, scratch, inverse);
+    Multiply(half, scratch);
+    AddForce(half, R, inverse, *scratch, force);
+    if (!stiffness) continue;
+    Correct(half, inverse, scratch);
+    AddStiffness(half, R, *scratch, stiffness, held);
+  }
+}
+
+#ifdef MJFRAMES_TARGET
+MJFRAMES_TARGET("arch=x86-64-v4")
+void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
+              double* held) {
+  AddBatchOf<WideLanes>(batch, x, scratch, force, stiffness, held);
+}
+
+MJFRAMES_TARGET("arch=x86-64-v3")
+void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
+              double* held) {
+  AddBatchOf<Lanes>(batch, x, scratch, force, stiffness, held);
+}
+
+MJFRAMES_TARGET("default")
+#endif
+void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
+              double* held) {
+  AddBatchOf<Lanes>(batch, x, scratch, force, stiffness, held);
+}
+
+}  // namespace
+
+void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScratch* scratch, Vec3* force,
+                double* stiffness, double* held) {
+  if (batches.empty()) return;
+  // a body turns as a whole: one region shows the others where to start
+  const RegionBatch& first = batches.front();
+  Mat3 F{};
+  for (int j = 0; j < first.size; j++) {
+    for (int e = 0; e < 9; e++) {
+      F[e] += x[first.point[kWideLanes * j]][e / 3] * first.gradient[kWideLanes * (3 * j + e % 3)];
+    }
+  }
+  const Mat3 R = ClosestRotation(F, kIdentity);
+  for (int e = 0; e < 9; e++) std::fill_n(scratch->rotation + kWideLanes * e, kWideLanes, R[e]);
+  for (const RegionBatch& batch : batches) AddBatch(batch, x, scratch, force, stiffness, held);
+}
+
+}  // namespace mjframes
