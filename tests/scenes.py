@@ -103,8 +103,39 @@ def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[
     return jacobian.T @ force, jacobian.T @ stiffness @ jacobian
 
 
+def turning_stiffness(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
+    """(nv, nv) of what turns with points that ride off their body's origin: Σ_j sym(r gᵀ) − (g·r) I by magnitude.
+
+    g = −f; r from the origin of the closest body with joints.
+    """
+    force = np.zeros((len(view.bodies), 3))
+    for region in view.regions:
+        force[region.points] += region.response(view.control_positions[region.points])[0]
+    of_body: dict[int, np.ndarray] = {}
+    for body, x, f in zip(view.bodies, view.control_positions, force, strict=True):
+        node = int(body)
+        while node > 0 and model.body_dofnum[node] == 0:
+            node = int(model.body_parentid[node])
+        if node > 0:
+            second = np.outer(x - data.xpos[node], -f)
+            change = (second + second.T) / 2 - np.trace(second) * np.eye(3)
+            of_body[node] = of_body.get(node, np.zeros((3, 3))) + change
+    common = ~point_jacobian(model, data, view).any(axis=0)  # what moves all points
+    stiffness = np.zeros((model.nv, model.nv))
+    for node, change in of_body.items():
+        rotation = np.zeros((3, model.nv))
+        mujoco.mj_jacBody(model, data, None, rotation, node)
+        rotation[:, common] = 0
+        values, vectors = np.linalg.eigh(change)
+        stiffness += rotation.T @ (vectors * np.abs(values)) @ vectors.T @ rotation
+    return stiffness
+
+
 def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7)."""
+    """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7).
+
+    K of the inertia has what turning forces add.
+    """
     h, v = model.opt.timestep, data.qvel
     passive, inertia = np.zeros(model.nv), np.zeros((model.nv, model.nv))
     for name in soft_names(model):
@@ -113,7 +144,7 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         force, stiffness = elasticity(model, data, view)
         mass = point_mass(model, data, view)
         passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
-        inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
+        inertia += (h**2 + h * beta) * (stiffness + turning_stiffness(model, data, view)) + h * alpha * mass
     return passive, inertia
 
 
