@@ -10,9 +10,10 @@
 //
 //   δ²E = … + δθᵀ K_n δθ,   K_n = Σ_j ½ (r_j g_jᵀ + g_j r_jᵀ) − (r_j·g_j) I
 //
-// K_n with the magnitudes of its eigenvalues (hessian.h says why) is held as an inertia, and not as damping: at rest it
-// changes nothing, and bodies that spin are not slowed. Without it large forces turned a light frame by radians in a
-// step.
+// K_n is held with eigenvalues max(|λ|, |τ·n| / kLongestTurn), n the eigenvector and τ the torque of f about c: as in
+// hessian.h no Newton step turns a node further. Like K it is in the inertia and, times h + β, a damping; without it
+// large forces turned light frames by radians in a step. Bodies that have points on slides too go without: they return
+// from any shape as they are, and with it some overshot.
 
 #include <algorithm>
 #include <cstddef>
@@ -24,6 +25,8 @@
 
 namespace mjframes {
 namespace {
+
+constexpr double kLongestTurn = 0.5;  // [rad] of a Newton step
 
 // Σ += block, seen from the twists of the two nodes.
 void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed, double* sum) {
@@ -106,30 +109,34 @@ void SumPath(double* row, int depth) {
 
 }  // namespace
 
-void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
-  if (!turning_) return;
+void Kinematics::StiffenTurns(const std::vector<Vec3>& force, double rate, const mjData* d) {
+  if (!stiffens_) return;
+  std::fill(torque_.begin(), torque_.end(), Vec3{});
   std::fill(turn_.begin(), turn_.end(), Mat3{});
   for (size_t j = 0; j < points_.size(); j++) {
     const int n = points_[j].node;
-    if (n < 0 || !nodes_[n].arms) continue;
+    if (n < 0) continue;
     const mjtNum* at = d->xpos + 3 * nodes_[n].body;
     const Vec3 r = x_[j] - PositionToLocal(d, {at[0], at[1], at[2]});
     const Vec3& f = force[j];
     const double along = Dot(r, f);
+    torque_[n] = torque_[n] + Cross(r, f);
     for (int a = 0; a < 3; a++) {
       for (int b = 0; b < 3; b++) turn_[n][3 * a + b] += (a == b ? along : 0) - 0.5 * (r[a] * f[b] + r[b] * f[a]);
     }
   }
-  const Lanes none[3] = {};
   for (size_t first = 0; first < nodes_.size(); first += kLanes) {  // as many nodes at once
     const size_t count = std::min<size_t>(kLanes, nodes_.size() - first);
-    Lanes K[9] = {};
+    Lanes K[9] = {}, torque[3] = {};
     for (size_t i = 0; i < count; i++) {
+      for (int r = 0; r < 3; r++) torque[r][i] = torque_[first + i][r];
       for (int e = 0; e < 9; e++) K[e][i] = turn_[first + i][e];
     }
-    ProjectBlock(none, Fill(1), K);
+    ProjectBlock(torque, Fill(kLongestTurn), K);
     for (size_t i = 0; i < count; i++) {
       for (int e = 0; e < 9; e++) turn_[first + i][e] = K[e][i];
+      const double* omega = motion_.data() + 6 * (first + i) + 3;
+      torque_[first + i] = -rate * Mul(turn_[first + i], Vec3{omega[0], omega[1], omega[2]});
     }
   }
 }
@@ -210,7 +217,7 @@ void Kinematics::StoreTurningInertia(const double* stiffness, double stiffness_s
       AddBlock(block, lever_[pair.j], lever_[pair.k], true, sum);
     }
   }
-  AddTurns(stiffness_scale);
+  if (stiffens_) AddTurns(stiffness_scale);
   if (free_) SumMass(mass);
   // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
   for (size_t n = nodes_.size(); n-- > 1;) {

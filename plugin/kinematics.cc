@@ -126,6 +126,8 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     }
     point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
   }
+  stiffens_ = turning_;
+  for (const ControlPoint& point : points_) stiffens_ = stiffens_ && (point.node < 0 || nodes_[point.node].arms);
   replaces_ = !turning_ && OwnsInertia(m, instance);
   free_ = !nodes_.empty();
   for (const ControlPoint& point : points_) free_ = free_ && point.node >= 0;
@@ -133,7 +135,10 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   load_.resize(nodes_.size());
   weight_.resize(nodes_.size());
   slide_.resize(nodes_.size());
-  if (turning_) turn_.assign(nodes_.size(), Mat3{});
+  if (stiffens_) {
+    turn_.assign(nodes_.size(), Mat3{});
+    torque_.assign(nodes_.size(), Vec3{});
+  }
   twist_.assign(6 * twists, 0.0);
   motion_.resize(6 * nodes_.size());
 }
@@ -312,6 +317,11 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
     if constexpr (N == 6) {
       const Vec3 torque = Cross(lever_[j], force[j]);
       for (int r = 0; r < 3; r++) wrench[3 + r] += torque[r];
+    }
+  }
+  if constexpr (N == 6) {
+    for (size_t n = 0; n < torque_.size(); n++) {
+      for (int r = 0; r < 3; r++) motion_[6 * n + 3 + r] += torque_[n][r];
     }
   }
   for (size_t n = nodes_.size(); n-- > 0;) {

@@ -85,11 +85,12 @@ class Kinematics {
   // x, v of this step.
   void Gather(const mjModel* m, const mjData* d);
 
-  // qfrc_passive += Jᵀ f; force: one a point.
+  // qfrc_passive += Jᵀ f, and the torques of StiffenTurns; force: one a point.
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 
-  // K_n of all nodes, for the inertia of this step. force: one a point, −∂E/∂x.
-  void StiffenTurns(const std::vector<Vec3>& force, const mjData* d);
+  // K_n of all nodes, for the inertia of this step, and −rate K_n ω_n for its forces; after Gather.
+  // force: one a point, −∂E/∂x.
+  void StiffenTurns(const std::vector<Vec3>& force, double rate, const mjData* d);
 
   // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I, and stiffness_scale K_n on the nodes' rotations, if
   // any. stiffness: 3×3 row-major block a pair; mass: one a pair. d->M is the rigid inertia, or, if this body replaces
@@ -152,7 +153,8 @@ class Kinematics {
   int holder_ = 0;      // body whose axes are the soft body's
   bool turning_ = false;
   bool replaces_ = false;
-  bool free_ = false;  // whether the first node moves all points
+  bool stiffens_ = false;  // whether all points ride on frames that turn, so that their turns are stiffened
+  bool free_ = false;      // whether the first node moves all points
   std::vector<ControlPoint> points_;
   std::vector<Node> nodes_;  // ancestors first
   std::vector<PointPair> pairs_;
@@ -169,6 +171,7 @@ class Kinematics {
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
   std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)
   std::vector<Mat3> turn_;      // K_n of the nodes, where they turn
+  std::vector<Vec3> torque_;    // of the forces on their own points, then −rate K_n ω_n
   std::vector<double> sum_;     // Σ XᵀBX of the node pairs                   (N × N a pair)
 };
 

@@ -432,7 +432,7 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
   if (awake) {
     kinematics_.Gather(m, d);
     AddElasticity();
-    if (implicit_) kinematics_.StiffenTurns(force_, d);
+    if (implicit_) kinematics_.StiffenTurns(force_, m->opt.timestep + beta_, d);
     AddDamping(implicit_ ? m->opt.timestep + beta_ : beta_);
     kinematics_.StoreForce(force_, d);
   }

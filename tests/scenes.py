@@ -104,37 +104,42 @@ def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[
 
 
 def turning_stiffness(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
-    """(nv, nv) of what turns with points that ride off their body's origin: Σ_j sym(r gᵀ) − (g·r) I by magnitude.
+    """(nv, nv) of the rotations of what carries control points; zero where some of them ride at a body's origin.
 
-    g = −f; r from the origin of the closest body with joints.
+    Σ_j sym(r gᵀ) − (g·r) I of each with eigenvalues max(|λ|, |τ·n| / 0.5 rad): g = −f, τ = Σ_j r × f, r from the
+    origin of the closest body with joints.
     """
-    force = np.zeros((len(view.bodies), 3))
+    x, force = view.control_positions, np.zeros((len(view.bodies), 3))
     for region in view.regions:
-        force[region.points] += region.response(view.control_positions[region.points])[0]
-    of_body: dict[int, np.ndarray] = {}
-    for body, x, f in zip(view.bodies, view.control_positions, force, strict=True):
-        node = int(body)
-        while node > 0 and model.body_dofnum[node] == 0:
-            node = int(model.body_parentid[node])
-        if node > 0:
-            second = np.outer(x - data.xpos[node], -f)
-            change = (second + second.T) / 2 - np.trace(second) * np.eye(3)
-            of_body[node] = of_body.get(node, np.zeros((3, 3))) + change
+        force[region.points] += region.response(x[region.points])[0]
+    nodes = np.array([_with_joints(model, int(body)) for body in view.bodies])
     common = ~point_jacobian(model, data, view).any(axis=0)  # what moves all points
     stiffness = np.zeros((model.nv, model.nv))
-    for node, change in of_body.items():
+    for node in set(nodes[nodes > 0].tolist()):
+        own = nodes == node
+        arm, f = x[own] - data.xpos[node], force[own]
+        if np.abs(arm).max() < 1e-9:
+            return np.zeros((model.nv, model.nv))
+        second = -arm.T @ f
+        values, vectors = np.linalg.eigh((second + second.T) / 2 - np.trace(second) * np.eye(3))
+        held = np.maximum(np.abs(values), np.abs(np.cross(arm, f).sum(axis=0) @ vectors) / 0.5)
         rotation = np.zeros((3, model.nv))
         mujoco.mj_jacBody(model, data, None, rotation, node)
         rotation[:, common] = 0
-        values, vectors = np.linalg.eigh(change)
-        stiffness += rotation.T @ (vectors * np.abs(values)) @ vectors.T @ rotation
+        stiffness += rotation.T @ (vectors * held) @ vectors.T @ rotation
     return stiffness
+
+
+def _with_joints(model: mujoco.MjModel, body: int) -> int:
+    while body > 0 and model.body_dofnum[body] == 0:
+        body = int(model.body_parentid[body])
+    return body
 
 
 def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7).
 
-    K of the inertia has what turning forces add.
+    K has what turning forces add.
     """
     h, v = model.opt.timestep, data.qvel
     passive, inertia = np.zeros(model.nv), np.zeros((model.nv, model.nv))
@@ -143,8 +148,9 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         alpha, beta = float(view.configuration["alpha"]), float(view.configuration["beta"])
         force, stiffness = elasticity(model, data, view)
         mass = point_mass(model, data, view)
+        stiffness += turning_stiffness(model, data, view)
         passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
-        inertia += (h**2 + h * beta) * (stiffness + turning_stiffness(model, data, view)) + h * alpha * mass
+        inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
     return passive, inertia
 
 
