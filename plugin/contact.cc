@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "linear.h"
-#include "multiversion.h"
 #include "soft.h"
 #include "touch.h"
 
@@ -16,29 +15,6 @@ namespace {
 constexpr double kSamePlace = 1e-9;  // [m]
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
-
-MJFRAMES_MULTIVERSION
-void AddScaled(double* __restrict out, const double* __restrict weight, double value, int n) {
-  for (int s = 0; s < n; s++) out[s] += weight[s] * value;
-}
-
-}  // namespace
-
-void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out) {
-  const int n = patch.vertices;
-  std::fill(out, out + 3 * n, 0.0);
-  for (size_t j = 0; j < patch.point.size(); j++) {
-    const Vec3 x = body.kinematics().WorldPosition(d, patch.point[j]);
-    for (int c = 0; c < 3; c++) AddScaled(out + c * n, patch.weight.data() + j * n, x[c], n);
-  }
-  if (patch.offset.empty()) return;
-  const Mat3 axes = body.kinematics().Axes(d);
-  for (int c = 0; c < 3; c++) {
-    for (int e = 0; e < 3; e++) AddScaled(out + c * n, patch.offset.data() + e * n, axes[3 * c + e], n);
-  }
-}
-
-namespace {
 
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
   const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
@@ -56,7 +32,7 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   const int geom[2] = {g1, g2};
   TouchScratch scratch;
   Touch touch[kMaxTouches];
-  const int found = FindTouches(m, d, geom, side, margin, kVertices | kFeatures, &scratch, touch);
+  const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {
@@ -227,7 +203,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   Touch found[kMaxTouches];
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
-  int kinds = kVertices;                        // these
+  bool recalled = false;                        // from the collision stage
   double highest = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
@@ -241,8 +217,8 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
         highest = std::max(highest, d->contact[i].dist);
       }
-      kinds = kVertices;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, kinds, scratch->touch.get(), found);
+      recalled = true;
+      count = RecallTouches(d, pair, side, scratch->touch.get(), found);
       next = 0;
     }
     // contacts of a pair come in the order of its touches, without those that are too far
@@ -251,9 +227,9 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       while (next < count && Norm(found[next].position - position) > kSamePlace) next++;
       return next < count;
     };
-    if (!find() && kinds == kVertices) {  // the rest are of features, which cost more
-      kinds = kFeatures;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, kinds, scratch->touch.get(), found);
+    if (!find() && recalled) {  // mjData is a copy, or has other contacts than those found last
+      recalled = false;
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
       next = 0;
       find();
     }
@@ -263,7 +239,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       if (!side[s].body) continue;
       const Kinematics& kinematics = side[s].body->kinematics();
       std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
-      AddTouchWeights(d, side, found[next], *scratch->touch, s, scratch->omega.data());
+      AddTouchWeights(side, found[next], *scratch->touch, s, scratch->omega.data());
       kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
       sides.kinematics[s] = &kinematics;
       sides.share[s] = &scratch->share[s];

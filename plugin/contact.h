@@ -52,9 +52,6 @@ struct ContactScratch {
   std::unique_ptr<TouchScratch> touch;
 };
 
-// World positions of the vertices by component: out[c n + s] = Σ_j W_j(s) x_j
-void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out);
-
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();
 

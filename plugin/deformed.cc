@@ -1,6 +1,7 @@
 #include "deformed.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "soft.h"
@@ -42,8 +43,8 @@ Vec3 Interpolate(const Vec3* x, const Vec3& f, Mat3* F) {
 
 }  // namespace
 
-DeformedPatch::DeformedPatch(const SoftBody& body, int patch, const mjData* d)
-    : body_(body), data_(d), lattice_(body.lattice()), volume_(body.volumes()[patch]), patch_(patch) {}
+DeformedPatch::DeformedPatch(const SoftBody& body, int patch, const Vec3* x)
+    : body_(body), x_(x), lattice_(body.lattice()), volume_(body.volumes()[patch]), patch_(patch) {}
 
 const Patch& DeformedPatch::patch() const { return body_.patches()[patch_]; }
 
@@ -69,19 +70,7 @@ bool DeformedPatch::Nearest(const int* nodes, const Vec3& fraction) const {
   return false;
 }
 
-const Vec3* DeformedPatch::Positions() const {
-  if (x_.empty()) {
-    const int k = static_cast<int>(volume_.holds.size());
-    x_.resize(k);
-    for (int j = 0; j < k; j++) {
-      if (volume_.holds[j]) x_[j] = body_.kinematics().WorldPosition(data_, j);
-    }
-  }
-  return x_.data();
-}
-
 bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
-  const Vec3* x = Positions();
   for (int corner = 0; corner < 8; corner++) {
     const int node = nodes[corner];
     cell->nodes[corner] = node;
@@ -92,7 +81,7 @@ bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
       if (!volume_.holds[j]) continue;
       const double weight = lattice_.weight[e];
       held += weight;
-      sum = sum + weight * x[j];
+      sum = sum + weight * x_[j];
     }
     if (held < kHeld) return false;
     cell->x[corner] = (1 / held) * sum;

@@ -6,12 +6,6 @@
 #ifndef MJFRAMES_PLUGIN_DEFORMED_H_
 #define MJFRAMES_PLUGIN_DEFORMED_H_
 
-#include <mujoco/mujoco.h>
-
-#include <array>
-#include <cstdint>
-#include <vector>
-
 #include "lattice.h"
 #include "linear.h"
 #include "patch_volume.h"
@@ -23,10 +17,11 @@ struct Patch;
 
 class DeformedPatch {
  public:
-  DeformedPatch(const SoftBody& body, int patch, const mjData* d);
+  // x: where the control points are in the world, by control point [m]; those that the patch's rows hold.
+  DeformedPatch(const SoftBody& body, int patch, const Vec3* x);
 
-  PatchPose Pose() const { return volume_.Pose(body_, data_); }
   bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
+  AlignedBox ClusterBox(const PatchPose& pose, size_t cluster) const { return volume_.ClusterBox(pose, cluster); }
 
   // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
   // and no farther than a cell outside.
@@ -57,14 +52,12 @@ class DeformedPatch {
   bool Owns(const int* nodes) const;
   bool Nearest(const int* nodes, const Vec3& fraction) const;
   bool Deform(const int* nodes, Cell* cell) const;
-  const Vec3* Positions() const;
 
   const SoftBody& body_;
-  const mjData* data_;
+  const Vec3* x_;
   const Lattice& lattice_;
   const PatchVolume& volume_;
   int patch_;
-  mutable std::vector<Vec3> x_;  // of the control points, from the first time that they are asked for
 };
 
 }  // namespace mjframes
