@@ -101,6 +101,15 @@ double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, co
          RigidEntry(m, d, body, position, {{}, measure.about}, dof);
 }
 
+// The same where nodes only slide along the soft body's axes, and so move nothing else: ± Σ ω at and below each, times
+// the direction in these axes.
+void WriteSlides(const std::vector<Node>& nodes, const Share* share, const Vec3& local, double sign, double* row) {
+  for (const Node& node : nodes) {
+    const double weight = (share++)->weight;
+    for (int a = 0; a < 3; a++) row[node.dof + a] = sign * (weight * local[a]);
+  }
+}
+
 // Overwrites the entries of row `r` of the contact for the degrees of freedom that the nodes of side s have; where they
 // are those of a robot's links, the other side may move with them too.
 void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides& sides, int s, int r) {
@@ -114,8 +123,11 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   for (int side = 0; side < 2; side++) {
     if (sides.kinematics[side]) local[side] = sides.kinematics[side]->ToLocal(d, measure.along);
   }
-  const int bodies[2] = {m->geom_bodyid[contact.geom[0]], m->geom_bodyid[contact.geom[1]]};
   const double sign = s == 1 ? 1 : -1;
+  if (!sparse && !kinematics.turning()) {
+    return WriteSlides(kinematics.nodes(), sides.share[s]->data(), local[s], sign, row);
+  }
+  const int bodies[2] = {m->geom_bodyid[contact.geom[0]], m->geom_bodyid[contact.geom[1]]};
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
   for (size_t n = 0; n < kinematics.nodes().size(); n++) {
@@ -123,7 +135,7 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
     for (int a = 0; a < node.dofs; a++) {
       const int dof = node.dof + a;
       // rows have room for what moves the two bodies, and islands know of no more: dense rows must not hold more either
-      if (!sparse && kinematics.turning() && !MovesBody(m, dof, bodies[0]) && !MovesBody(m, dof, bodies[1])) continue;
+      if (!sparse && !MovesBody(m, dof, bodies[0]) && !MovesBody(m, dof, bodies[1])) continue;
       if (sparse) {
         while (entry < entries && columns[entry] < dof) entry++;
         if (entry == entries) return;
@@ -142,16 +154,17 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
 // Jᵀ of the contact's normal as a dense vector: the mean of a pyramid's first two edges, or the first row.
 void NormalRow(const mjModel* m, const mjData* d, const mjContact& contact, double* out) {
   const int edges = contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL ? 2 : 1;
+  const double part = 1.0 / edges;
   std::fill(out, out + m->nv, 0.0);
   for (int e = 0; e < edges; e++) {
     const int i = contact.efc_address + e;
     if (mj_isSparse(m)) {
       for (int k = 0; k < d->efc_J_rownnz[i]; k++) {
         const int at = d->efc_J_rowadr[i] + k;
-        out[d->efc_J_colind[at]] += d->efc_J[at] / edges;
+        out[d->efc_J_colind[at]] += part * d->efc_J[at];
       }
     } else {
-      for (int k = 0; k < m->nv; k++) out[k] += d->efc_J[i * m->nv + k] / edges;
+      for (int k = 0; k < m->nv; k++) out[k] += part * d->efc_J[i * m->nv + k];
     }
   }
 }
