@@ -16,6 +16,10 @@ constexpr double kSamePlace = 1e-9;  // [m]
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
+void SubtractScaled(double* __restrict out, const double* __restrict values, double scale, int n) {
+  for (int i = 0; i < n; i++) out[i] -= values[i] * scale;
+}
+
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
   const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
   return {body, body ? body->FindPatch(geom) : -1};
@@ -169,13 +173,41 @@ void NormalRow(const mjModel* m, const mjData* d, const mjContact& contact, doub
   }
 }
 
+// half = D^(−½) L^(−ᵀ) row where whatever of the row is not zero lies, in each tree, on one path from its root: there
+// the rows of L are packed and need no indices. False where it does not.
+bool SolvePaths(const mjModel* m, const mjData* d, ContactScratch* scratch) {
+  const double* row = scratch->row.data();
+  std::fill(scratch->half.begin(), scratch->half.end(), 0.0);
+  for (int last = m->nv - 1; last >= 0; last--) {
+    if (row[last] == 0) continue;
+    const int* path = m->M_colind + m->M_rowadr[last];
+    const int length = m->M_rownnz[last];
+    double* x = scratch->path.data();
+    for (int k = length - 1, dof = last; dof >= path[0]; dof--) {
+      if (dof == path[k]) {
+        x[k--] = row[dof];
+      } else if (row[dof] != 0) {
+        return false;
+      }
+    }
+    for (int k = length - 1; k > 0; k--) {
+      if (x[k] != 0) SubtractScaled(x, d->qLD + m->M_rowadr[path[k]], x[k], m->M_rownnz[path[k]] - 1);
+    }
+    for (int k = 0; k < length; k++) scratch->half[path[k]] = x[k] * scratch->sqrt_inverse[path[k]];
+    last = path[0];
+  }
+  return true;
+}
+
 // R is (1 − imp)/imp times the inverse inertia seen by the contact. MuJoCo took that of the rigid point masses;
 // here it is put right to J A⁻¹ Jᵀ, from diagA, which stays as it was: doing it again gives the same.
 void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, ContactScratch* scratch) {
   const int body1 = m->geom_bodyid[contact.geom[0]], body2 = m->geom_bodyid[contact.geom[1]];
   const double assumed = m->body_invweight0[2 * body1] + m->body_invweight0[2 * body2];
   NormalRow(m, d, contact, scratch->row.data());
-  mj_solveM2(m, d, scratch->half.data(), scratch->row.data(), scratch->sqrt_inverse.data(), 1);
+  if (!SolvePaths(m, d, scratch)) {
+    mj_solveM2(m, d, scratch->half.data(), scratch->row.data(), scratch->sqrt_inverse.data(), 1);
+  }
   const double actual = mju_dot(scratch->half.data(), scratch->half.data(), m->nv);
   if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
   for (int r = 0; r < RowCount(m, contact); r++) {
@@ -196,6 +228,7 @@ void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, Conta
 ContactScratch::ContactScratch(const mjModel* m)
     : row(m->nv),
       half(m->nv),
+      path(m->nv),
       sqrt_inverse(m->nv),
       omega(kMaxCarried * m->nbody),
       share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)},

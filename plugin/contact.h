@@ -46,6 +46,7 @@ struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
   ~ContactScratch();
   std::vector<double> row, half;            // J and D^(−½) L^(−ᵀ) Jᵀ             (nv)
+  std::vector<double> path;                 // of these, on one path of a tree    (≤ nv)
   std::vector<double> sqrt_inverse;         // D^(−½)                             (nv)
   std::vector<double> omega;                // ω of each control point
   std::array<std::vector<Share>, 2> share;  // by side: of the nodes         (≤ nv)

@@ -25,14 +25,20 @@ class DeformedPatch {
 
   // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
   // and no farther than a cell outside.
-  bool Find(const Vec3& p, bool own, Vec3* xi) const;
+  bool Find(const Vec3& p, bool own, Vec3* xi) const {
+    Cell cell;
+    return Find(p, own, xi, &cell);
+  }
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
   // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
   bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
 
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
-  bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const;
+  bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {
+    Cell cell;
+    return Surface(xi, &cell, position, normal);
+  }
 
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;
@@ -45,13 +51,16 @@ class DeformedPatch {
 
  private:
   struct Cell {
-    int nodes[8];
+    int nodes[8] = {-1};
     Vec3 x[8];  // deformed [m]
   };
 
+  bool Find(const Vec3& p, bool own, Vec3* xi, Cell* cell) const;
+  bool Surface(const Vec3& xi, Cell* cell, Vec3* position, Vec3* normal) const;
+
   bool Owns(const int* nodes) const;
   bool Nearest(const int* nodes, const Vec3& fraction) const;
-  bool Deform(const int* nodes, Cell* cell) const;
+  bool Deform(const int* nodes, Cell* cell) const;  // if it is another than before
 
   const SoftBody& body_;
   const Vec3* x_;

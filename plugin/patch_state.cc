@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 
-#include "contact.h"
 #include "lanes.h"
 #include "multiversion.h"
 #include "soft.h"
@@ -11,11 +11,12 @@
 namespace mjframes {
 namespace {
 
-// out[c n + s] += Σ_j weight[j n + s] x[j][c] where j goes over `points`
+// out[c n + s] += Σ_a weight[a n + s] x[point[a]][c] for begin ≤ s < end
 MJFRAMES_MULTIVERSION
-void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, double* out) {
-  int s = 0;
-  for (; s + kLanes <= n; s += kLanes) {
+void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int begin, int end,
+           double* out) {
+  int s = begin;
+  for (; s + kLanes <= end; s += kLanes) {
     Lanes sum[3] = {Load(out + s), Load(out + n + s), Load(out + 2 * n + s)};
     for (size_t a = 0; a < points; a++) {
       const Lanes w = Load(weight + a * n + s);
@@ -23,7 +24,7 @@ void Blend(const double* weight, const int32_t* point, size_t points, const Vec3
     }
     for (int c = 0; c < 3; c++) Store(sum[c], out + c * n + s);
   }
-  for (; s < n; s++) {
+  for (; s < end; s++) {
     for (size_t a = 0; a < points; a++) {
       for (int c = 0; c < 3; c++) out[c * n + s] += weight[a * n + s] * x[point[a]][c];
     }
@@ -74,29 +75,38 @@ void PatchState::Update(const mjData* d) {
     axes_ = axes;
   }
   if (same) return;
-  posed_ = skinned_ = false;
+  posed_ = false;
+  skinned_.fill(false);
   kept_ = 0;
 }
 
 const PatchPose& PatchState::Pose() {
-  if (!posed_) pose_ = body_.volumes()[number_].Pose(body_.lattice(), x_.data());
+  if (!posed_ && body_.has_volume()) pose_ = body_.volumes()[number_].Pose(body_.lattice(), x_.data());
   posed_ = true;
   return pose_;
 }
 
 const double* PatchState::Vertices() {
-  if (skinned_) return vertices_.data();
-  skinned_ = true;
-  std::fill(vertices_.begin(), vertices_.end(), 0.0);
-  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), patch_.vertices, vertices_.data());
+  for (size_t c = 0; c < patch_.cluster.size(); c++) Vertices(c);
+  return vertices_.data();
+}
+
+const double* PatchState::Vertices(size_t cluster) {
+  double* out = vertices_.data();
+  if (skinned_[cluster]) return out;
+  skinned_[cluster] = true;
+  const int n = patch_.vertices, begin = std::accumulate(patch_.cluster.begin(), patch_.cluster.begin() + cluster, 0);
+  const int end = begin + patch_.cluster[cluster];
+  for (int c = 0; c < 3; c++) std::fill(out + c * n + begin, out + c * n + end, 0.0);
+  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, begin, end, out);
   if (!patch_.offset.empty()) {
     const Mat3 turned = Transpose(axes_);
     const Vec3 axis[3] = {
         {turned[0], turned[1], turned[2]}, {turned[3], turned[4], turned[5]}, {turned[6], turned[7], turned[8]}};
     constexpr int32_t kAxes[3] = {0, 1, 2};
-    Blend(patch_.offset.data(), kAxes, 3, axis, patch_.vertices, vertices_.data());
+    Blend(patch_.offset.data(), kAxes, 3, axis, n, begin, end, out);
   }
-  return vertices_.data();
+  return out;
 }
 
 void PatchState::Keep(const mjData* d, int geom, const Touch* touch, int count, const double* share) {

@@ -14,6 +14,7 @@
 #include <mutex>
 #include <vector>
 
+#include "contact.h"
 #include "linear.h"
 #include "patch_volume.h"
 #include "touch.h"
@@ -21,7 +22,6 @@
 namespace mjframes {
 
 class SoftBody;
-struct Patch;
 
 // One SoftBody belongs to one mjData; whoever uses its states holds their mutex.
 class PatchState {
@@ -34,10 +34,11 @@ class PatchState {
   // Where they are, by control point [m]; only those that the patch depends on.
   const Vec3* positions() const { return x_.data(); }
 
-  // Of a soft body that has its volume.
+  // Empty where the soft body has no volume.
   const PatchPose& Pose();
 
-  // World positions of the vertices by component: [c n + s] = Σ_j W_j(s) x_j
+  // World positions of the vertices by component, of one cluster or of all: [c n + s] = Σ_j W_j(s) x_j
+  const double* Vertices(size_t cluster);
   const double* Vertices();
 
   // Keeps the touches with a rigid geom for as long as neither moves, if there is room. share: of the vertices.
@@ -64,7 +65,8 @@ class PatchState {
   Mat3 axes_;                   // of the soft body, in the world
 
   // of these positions
-  bool posed_ = false, skinned_ = false;
+  bool posed_ = false;
+  std::array<bool, kMaxClusters> skinned_{};
   PatchPose pose_{};
   std::vector<double> vertices_;
   int kept_ = 0;  // so many of these

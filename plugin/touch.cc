@@ -65,7 +65,7 @@ double Least(const double* value, int begin, int end) {
 struct Placed {
   DeformedPatch deformed;
   PatchState* state;
-  PatchPose pose;
+  const PatchPose& pose;
   double room;  // how far around the vertices and what is below them something may touch [m]
 
   // Signed distance of p; xi becomes the material point at p. own: only under this patch.
@@ -106,7 +106,7 @@ PatchState* UpdatedState(const SoftSide& side, const mjData* d) {
 Placed Place(const SoftSide& side, const mjData* d, double room) {
   PatchState* state = UpdatedState(side, d);
   const DeformedPatch deformed(*side.body, side.patch, state->positions());
-  return {deformed, state, side.body->has_volume() ? state->Pose() : PatchPose{}, room};
+  return {deformed, state, state->Pose(), room};
 }
 
 // Turns the distances of a cluster into shares in its contact, which sum to 1: those that are `reach` above the deepest
@@ -159,7 +159,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     const int begin = end;
     end += patch.cluster[c];
     if (soft.deformed.body().has_volume() && other.LowerBound(soft.deformed.ClusterBox(soft.pose, c)) > reach) continue;
-    const double* vertices = soft.state->Vertices();
+    const double* vertices = soft.state->Vertices(c);
     other.Distances(vertices, n, begin, end, share);
     for (int s = begin; s < end; s++) share[s] -= radius;
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
@@ -229,6 +229,7 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
       share[found] -= features.radius;
       found++;
     }
+    if (found == 0) continue;
     const double distance = ShareOut(share, 0, found, reach);
     if (!(distance < margin)) continue;
     Touch touch = {distance, {}, {}, -1, 0, 0, {}};
