@@ -21,7 +21,6 @@ class DeformedPatch {
   DeformedPatch(const SoftBody& body, int patch, const Vec3* x);
 
   bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
-  AlignedBox ClusterBox(const PatchPose& pose, size_t cluster) const { return volume_.ClusterBox(pose, cluster); }
 
   // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
   // and no farther than a cell outside.

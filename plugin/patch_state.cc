@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <numeric>
 
 #include "lanes.h"
 #include "multiversion.h"
@@ -11,24 +10,57 @@
 namespace mjframes {
 namespace {
 
-// out[c n + s] += Σ_a weight[a n + s] x[point[a]][c] for begin ≤ s < end
-MJFRAMES_MULTIVERSION
-void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int begin, int end,
-           double* out) {
-  int s = begin;
-  for (; s + kLanes <= end; s += kLanes) {
-    Lanes sum[3] = {Load(out + s), Load(out + n + s), Load(out + 2 * n + s)};
-    for (size_t a = 0; a < points; a++) {
-      const Lanes w = Load(weight + a * n + s);
-      for (int c = 0; c < 3; c++) sum[c] += w * x[point[a]][c];
-    }
-    for (int c = 0; c < 3; c++) Store(sum[c], out + c * n + s);
+// Blend for the next `Blocks` times four vertices from s on.
+template <int Blocks>
+MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int s,
+                               double* out) {
+  Lanes sum[3][Blocks];
+  for (int c = 0; c < 3; c++) {
+    for (int b = 0; b < Blocks; b++) sum[c][b] = Load(out + c * n + s + kLanes * b);
   }
-  for (; s < end; s++) {
+  for (size_t a = 0; a < points; a++) {
+    const Vec3& position = x[point[a]];
+    for (int c = 0; c < 3; c++) {
+      for (int b = 0; b < Blocks; b++) sum[c][b] += Load(weight + a * n + s + kLanes * b) * position[c];
+    }
+  }
+  for (int c = 0; c < 3; c++) {
+    for (int b = 0; b < Blocks; b++) Store(sum[c][b], out + c * n + s + kLanes * b);
+  }
+}
+
+// out[c n + s] += Σ_a weight[a n + s] x[point[a]][c]
+MJFRAMES_MULTIVERSION
+void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, double* out) {
+  constexpr int kBlocks = 3;  // their nine sums stay in registers
+  int s = 0;
+  for (; s + kBlocks * kLanes <= n; s += kBlocks * kLanes) BlendSome<kBlocks>(weight, point, points, x, n, s, out);
+  for (; s + kLanes <= n; s += kLanes) BlendSome<1>(weight, point, points, x, n, s, out);
+  for (; s < n; s++) {
     for (size_t a = 0; a < points; a++) {
       for (int c = 0; c < 3; c++) out[c * n + s] += weight[a * n + s] * x[point[a]][c];
     }
   }
+}
+
+// Half of the sum and of the difference of the largest and the least of n values.
+MJFRAMES_MULTIVERSION
+void Range(const double* value, int n, double* centre, double* half) {
+  Lanes lows = Fill(mjMAXVAL), highs = Fill(-mjMAXVAL);
+  int s = 0;
+  for (; s + kLanes <= n; s += kLanes) {
+    const Lanes some = Load(value + s);
+    lows = some < lows ? some : lows;
+    highs = some > highs ? some : highs;
+  }
+  double low = std::min({lows[0], lows[1], lows[2], lows[3]}),
+         high = std::max({highs[0], highs[1], highs[2], highs[3]});
+  for (; s < n; s++) {
+    low = std::min(low, value[s]);
+    high = std::max(high, value[s]);
+  }
+  *centre = 0.5 * (low + high);
+  *half = 0.5 * (high - low);
 }
 
 std::array<mjtNum, 12> PlaceOf(const mjData* d, int geom) {
@@ -75,8 +107,7 @@ void PatchState::Update(const mjData* d) {
     axes_ = axes;
   }
   if (same) return;
-  posed_ = false;
-  skinned_.fill(false);
+  posed_ = skinned_ = false;
   kept_ = 0;
 }
 
@@ -87,25 +118,20 @@ const PatchPose& PatchState::Pose() {
 }
 
 const double* PatchState::Vertices() {
-  for (size_t c = 0; c < patch_.cluster.size(); c++) Vertices(c);
-  return vertices_.data();
-}
-
-const double* PatchState::Vertices(size_t cluster) {
   double* out = vertices_.data();
-  if (skinned_[cluster]) return out;
-  skinned_[cluster] = true;
-  const int n = patch_.vertices, begin = std::accumulate(patch_.cluster.begin(), patch_.cluster.begin() + cluster, 0);
-  const int end = begin + patch_.cluster[cluster];
-  for (int c = 0; c < 3; c++) std::fill(out + c * n + begin, out + c * n + end, 0.0);
-  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, begin, end, out);
+  if (skinned_) return out;
+  skinned_ = true;
+  const int n = patch_.vertices;
+  std::fill(vertices_.begin(), vertices_.end(), 0.0);
+  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, out);
   if (!patch_.offset.empty()) {
     const Mat3 turned = Transpose(axes_);
     const Vec3 axis[3] = {
         {turned[0], turned[1], turned[2]}, {turned[3], turned[4], turned[5]}, {turned[6], turned[7], turned[8]}};
     constexpr int32_t kAxes[3] = {0, 1, 2};
-    Blend(patch_.offset.data(), kAxes, 3, axis, n, begin, end, out);
+    Blend(patch_.offset.data(), kAxes, 3, axis, n, out);
   }
+  for (int c = 0; c < 3; c++) Range(out + c * n, n, &box_.centre[c], &box_.half[c]);
   return out;
 }
 

@@ -37,9 +37,14 @@ class PatchState {
   // Empty where the soft body has no volume.
   const PatchPose& Pose();
 
-  // World positions of the vertices by component, of one cluster or of all: [c n + s] = Σ_j W_j(s) x_j
-  const double* Vertices(size_t cluster);
+  // World positions of the vertices by component: [c n + s] = Σ_j W_j(s) x_j
   const double* Vertices();
+
+  // Holds them.
+  const AlignedBox& VertexBox() {
+    Vertices();
+    return box_;
+  }
 
   // Keeps the touches with a rigid geom for as long as neither moves, if there is room. share: of the vertices.
   void Keep(const mjData* d, int geom, const Touch* touch, int count, const double* share);
@@ -65,11 +70,11 @@ class PatchState {
   Mat3 axes_;                   // of the soft body, in the world
 
   // of these positions
-  bool posed_ = false;
-  std::array<bool, kMaxClusters> skinned_{};
+  bool posed_ = false, skinned_ = false;
   PatchPose pose_{};
   std::vector<double> vertices_;
-  int kept_ = 0;  // so many of these
+  AlignedBox box_{};  // of these
+  int kept_ = 0;      // so many of these
   std::array<Kept, 4> touches_;
 };
 

@@ -51,17 +51,6 @@ std::vector<std::vector<double>> SampleWeights(const SoftBody& body, int number,
   return samples;
 }
 
-AlignedBox BoxAround(const Vec3* begin, const Vec3* end) {
-  Vec3 low = *begin, high = *begin;
-  for (const Vec3* p = begin; p != end; p++) {
-    for (int i = 0; i < 3; i++) {
-      low[i] = std::min(low[i], (*p)[i]);
-      high[i] = std::max(high[i], (*p)[i]);
-    }
-  }
-  return {0.5 * (low + high), 0.5 * (high - low)};
-}
-
 // Of each node, to the nearest that the patch has inside or up to a cell outside.
 std::vector<uint8_t> StepsToPatch(const Lattice& lattice, int patch) {
   std::vector<uint8_t> steps(lattice.node.size(), 255);
@@ -122,11 +111,6 @@ PatchVolume PatchVolume::Create(const mjModel* m, const SoftBody& body, int numb
       for (int c = 0; c < 3; c++) moment[3 * i + c] += p[i] * p[c];
     }
   }
-  size_t begin = 0;
-  for (const int32_t vertices : body.patches()[number].cluster) {  // the first samples
-    volume.cluster.push_back(BoxAround(offset.data() + begin, offset.data() + begin + vertices));
-    begin += vertices;
-  }
   // a patch without thickness has no slope across
   for (int i = 0; i < 3; i++) moment[4 * i] += 1e-9 * size + mjMINVAL;
   const Mat3 inverse = Inverse(moment);
@@ -170,7 +154,7 @@ PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const
     box.half[i] = bend[i];
     for (int c = 0; c < 3; c++) box.half[i] += std::abs(B[3 * i + c]) * half[c];
   }
-  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL, B, bend};
+  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL};
   if (Det(B) > mjMINVAL) {
     const Mat3 inverse = Inverse(B);
     for (int i = 0; i < 9; i++) pose.slope[i] = 0;
@@ -187,14 +171,6 @@ PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const
     pose.error = Norm(error);
   }
   return pose;
-}
-
-AlignedBox PatchVolume::ClusterBox(const PatchPose& pose, size_t number) const {
-  AlignedBox box = {pose.box.centre + Mul(pose.stretch, cluster[number].centre), pose.bend};
-  for (int i = 0; i < 3; i++) {
-    for (int c = 0; c < 3; c++) box.half[i] += std::abs(pose.stretch[3 * i + c]) * cluster[number].half[c];
-  }
-  return box;
 }
 
 bool PatchVolume::Near(const Lattice& lattice, const Vec3& xi, double error) const {

@@ -49,8 +49,6 @@ struct PatchPose {
   Vec3 guess;
   Mat3 slope;
   double error;
-  Mat3 stretch;  // B
-  Vec3 bend;     // most of Σ_j e_j d_j, along each axis [m]
 };
 
 // A patch's vertices and the material below them. Its contact rows hold the control points on the path from the root to
@@ -62,23 +60,19 @@ struct PatchVolume {
   // x: where the control points are in the world, by control point [m].
   PatchPose Pose(const Lattice& lattice, const Vec3* x) const;
 
-  // Holds the centres of the vertices of a cluster.
-  AlignedBox ClusterBox(const PatchPose& pose, size_t cluster) const;
-
   // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
   bool Near(const Lattice& lattice, const Vec3& xi, double error) const;
 
-  std::vector<uint8_t> holds;       // whether rows hold the control point            (k)
-  int first_vertex = 0;             // of the patch in Lattice::vertex
-  std::vector<int32_t> point;       // control points that move any of it             (p)
-  std::vector<double> mean;         // a_j                                            (p)
-  std::vector<Vec3> slope;          // g_j [1/m]                                      (p)
-  std::vector<Vec3> offset;         // x̄_j − p̄₀ [m]                                   (p)
-  std::vector<double> rest;         // largest |e_j|                                  (p)
-  Vec3 origin{};                    // p̄₀ [m]
-  std::vector<uint8_t> steps;       // of each lattice node: to the nearest of the patch, in cells along the axes
-  Vec3 half{};                      // largest |p̄ − p̄₀| along each axis [m]
-  std::vector<AlignedBox> cluster;  // of p̄ − p̄₀ of the vertices of each cluster, at rest [m]
+  std::vector<uint8_t> holds;  // whether rows hold the control point            (k)
+  int first_vertex = 0;        // of the patch in Lattice::vertex
+  std::vector<int32_t> point;  // control points that move any of it             (p)
+  std::vector<double> mean;    // a_j                                            (p)
+  std::vector<Vec3> slope;     // g_j [1/m]                                      (p)
+  std::vector<Vec3> offset;    // x̄_j − p̄₀ [m]                                   (p)
+  std::vector<double> rest;    // largest |e_j|                                  (p)
+  Vec3 origin{};               // p̄₀ [m]
+  std::vector<uint8_t> steps;  // of each lattice node: to the nearest of the patch, in cells along the axes
+  Vec3 half{};                 // largest |p̄ − p̄₀| along each axis [m]
 };
 
 // A guess that is off by no more can rule a patch out.

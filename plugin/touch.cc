@@ -150,16 +150,15 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
   const double radius = soft.deformed.body().contact_radius();
-  const double reach = std::max(0.0, margin) + radius + kMargin;
+  if (other.LowerBound(soft.state->VertexBox()) > std::max(0.0, margin) + radius + kMargin) return 0;
   const Patch& patch = soft.deformed.patch();
   const int n = patch.vertices;
+  const double* vertices = soft.state->Vertices();
   double* share = scratch->share[side];
   int end = 0, count = 0;
-  for (size_t c = 0; c < patch.cluster.size(); c++) {
+  for (const int size : patch.cluster) {
     const int begin = end;
-    end += patch.cluster[c];
-    if (soft.deformed.body().has_volume() && other.LowerBound(soft.deformed.ClusterBox(soft.pose, c)) > reach) continue;
-    const double* vertices = soft.state->Vertices(c);
+    end += size;
     other.Distances(vertices, n, begin, end, share);
     for (int s = begin; s < end; s++) share[s] -= radius;
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
@@ -217,13 +216,14 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
   Near near[kMost];
   double share[kMost];
   int count = 0;
-  for (size_t first = 0, last; first < features.points.size(); first = last) {
-    const int cluster = features.points[first].cluster;
+  for (const FeatureCluster& cluster : features.clusters) {
+    if (!features.round && cluster.box.Apart(box, 2 * kMargin)) continue;
     int found = 0;
-    for (last = first; last < features.points.size() && features.points[last].cluster == cluster; last++) {
-      if (found == kMost || !(features.round || box.Holds(features.points[last].position, kMargin))) continue;
+    for (size_t i = cluster.begin; i < cluster.end && found < kMost; i++) {
+      const Vec3& position = features.points[i].position;
+      if (!(features.round || box.Holds(position, kMargin))) continue;
       Near& candidate = near[found];
-      candidate.p = world(features.points[last].position);
+      candidate.p = world(position);
       if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
       if (!soft.Distance(candidate.p, true, &candidate.xi, &share[found], &candidate.normal)) continue;
       share[found] -= features.radius;
