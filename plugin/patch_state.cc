@@ -10,13 +10,13 @@
 namespace mjframes {
 namespace {
 
-// Blend for the next `Blocks` times four vertices from s on.
+// Blend for `Blocks` times four vertices from s on.
 template <int Blocks>
 MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int s,
-                               double* out) {
+                               bool adds, double* out) {
   Lanes sum[3][Blocks];
   for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) sum[c][b] = Load(out + c * n + s + kLanes * b);
+    for (int b = 0; b < Blocks; b++) sum[c][b] = adds ? Load(out + c * n + s + kLanes * b) : Fill(0);
   }
   for (size_t a = 0; a < points; a++) {
     const Vec3& position = x[point[a]];
@@ -29,16 +29,19 @@ MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_
   }
 }
 
-// out[c n + s] += Σ_a weight[a n + s] x[point[a]][c]
+// out[c n + s] = Σ_a weight[a n + s] x[point[a]][c], or `adds` that to it
 MJFRAMES_MULTIVERSION
-void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, double* out) {
+void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, bool adds, double* out) {
   constexpr int kBlocks = 3;  // their nine sums stay in registers
   int s = 0;
-  for (; s + kBlocks * kLanes <= n; s += kBlocks * kLanes) BlendSome<kBlocks>(weight, point, points, x, n, s, out);
-  for (; s + kLanes <= n; s += kLanes) BlendSome<1>(weight, point, points, x, n, s, out);
+  for (; s + kBlocks * kLanes <= n; s += kBlocks * kLanes)
+    BlendSome<kBlocks>(weight, point, points, x, n, s, adds, out);
+  for (; s + kLanes <= n; s += kLanes) BlendSome<1>(weight, point, points, x, n, s, adds, out);
   for (; s < n; s++) {
-    for (size_t a = 0; a < points; a++) {
-      for (int c = 0; c < 3; c++) out[c * n + s] += weight[a * n + s] * x[point[a]][c];
+    for (int c = 0; c < 3; c++) {
+      double sum = adds ? out[c * n + s] : 0;
+      for (size_t a = 0; a < points; a++) sum += weight[a * n + s] * x[point[a]][c];
+      out[c * n + s] = sum;
     }
   }
 }
@@ -122,14 +125,13 @@ const double* PatchState::Vertices() {
   if (skinned_) return out;
   skinned_ = true;
   const int n = patch_.vertices;
-  std::fill(vertices_.begin(), vertices_.end(), 0.0);
-  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, out);
+  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, false, out);
   if (!patch_.offset.empty()) {
     const Mat3 turned = Transpose(axes_);
     const Vec3 axis[3] = {
         {turned[0], turned[1], turned[2]}, {turned[3], turned[4], turned[5]}, {turned[6], turned[7], turned[8]}};
     constexpr int32_t kAxes[3] = {0, 1, 2};
-    Blend(patch_.offset.data(), kAxes, 3, axis, n, out);
+    Blend(patch_.offset.data(), kAxes, 3, axis, n, true, out);
   }
   for (int c = 0; c < 3; c++) Range(out + c * n, n, &box_.centre[c], &box_.half[c]);
   return out;

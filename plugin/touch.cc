@@ -330,7 +330,9 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 }
 
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {
-  const DeformedPatch deformed(*side[s].body, side[s].patch, side[s].body->states()[side[s].patch]->positions());
+  PatchState* state = side[s].body->states()[side[s].patch].get();
+  const std::lock_guard held(state->mutex);
+  const DeformedPatch deformed(*side[s].body, side[s].patch, state->positions());
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
     deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);
