@@ -8,6 +8,7 @@
 #include "lanes.h"
 #include "multiversion.h"
 #include "patch_state.h"
+#include "pressure.h"
 #include "soft.h"
 
 namespace mjframes {
@@ -45,20 +46,6 @@ int Nearest(const double* points, int n, const Vec3& p) {
     nearest = s;
   }
   return nearest;
-}
-
-// The least of values begin … end, and at most mjMAXVAL.
-MJFRAMES_MULTIVERSION
-double Least(const double* value, int begin, int end) {
-  Lanes least = Fill(mjMAXVAL);
-  int s = begin;
-  for (; s + kLanes <= end; s += kLanes) {
-    const Lanes some = Load(value + s);
-    least = some < least ? some : least;
-  }
-  double result = std::min({least[0], least[1], least[2], least[3]});
-  for (; s < end; s++) result = std::min(result, value[s]);
-  return result;
 }
 
 // A patch where it is now.
@@ -107,32 +94,6 @@ Placed Place(const SoftSide& side, const mjData* d, double room) {
   PatchState* state = UpdatedState(side, d);
   const DeformedPatch deformed(*side.body, side.patch, state->positions());
   return {deformed, state, state->Pose(), room};
-}
-
-// Turns the distances of a cluster into shares in its contact, which sum to 1: those that are `reach` above the deepest
-// have none. Returns the distance of the pressure centre; mjMAXVAL and no shares if nothing is near.
-double ShareOut(double* distance, int begin, int end, double reach) {
-  const double deepest = Least(distance, begin, end);
-  if (deepest == mjMAXVAL) {
-    std::fill(distance + begin, distance + end, 0.0);
-    return mjMAXVAL;
-  }
-  double total = 0, mean = 0;
-  for (int s = begin; s < end; s++) {
-    const double height = distance[s] - deepest;
-    if (!(height < reach)) {
-      distance[s] = 0;
-      continue;
-    }
-    const double share = 1 - height / reach;
-    mean += share * share * distance[s];
-    distance[s] = share * share;
-    total += distance[s];
-  }
-  for (int s = begin; s < end; s++) {
-    if (distance[s] > 0) distance[s] /= total;
-  }
-  return mean / total;
 }
 
 // Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.

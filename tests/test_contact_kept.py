@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scenes import beam, compiled, dense_constraints
 
-
 # A beam on a bed of balls, more of them than a patch keeps touches with, and on two things with other features.
 BALLS = "".join(f'<geom size=".006" pos="{0.02 + 0.006 * i:.3f} .02 .004"/>' for i in range(22))
 SCENE = """
