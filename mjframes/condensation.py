@@ -200,9 +200,7 @@ def plain_matrix(parts: list[Products]) -> Array:
     return elastic_matrix(by_lam, by_mu)
 
 
-def _nodal(
-    cells: CellGrid, parts: list[Products], columns: Array, f: int, m: int
-) -> tuple[Array, Array, Array, Array]:
+def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: int) -> tuple[Array, Array, Array, Array]:
     """For nodal functions v: the rows (7 + 5f, N), ∫ ∂v/∂x_a (3, N), μ ∇W_j · ∇v (m, N), and K between v and all
     others (3N, 3u).
     """
