@@ -39,7 +39,7 @@ CHEBYSHEV = (-0.5 / 2**0.5, 0.0, 0.5 / 2**0.5)  # [voxels]
 MINOR = 0.01  # [-] share of a region's voxels below which a piece does not relax: it matters too little
 HOMOGENEOUS = 3.0  # [-] largest to smallest E up to which a region's weights may be replaced by their linear fit …
 NEARLY_LINEAR = 0.1  # [-] … if their rms residual is below this
-MOST_STRAIGHT = 3  # [frames] whose weights may be: more have far more control points than there are quadratic fields
+MOST_STRAIGHT = 4  # [frames] whose weights may be: more have twice as many control points as there are quadratic fields
 WORK, WORK_A_VOXEL = 2e9, 1e4  # [flop] that all eliminations together may take: about 0.1 s, and 0.5 µs a voxel
 COARSEST = 3  # [cells] along a region's longest axis; fewer add nothing to the monomials
 
