@@ -54,7 +54,7 @@ def _durations(data: mujoco.MjData) -> np.ndarray:
 def _parts(spent: np.ndarray) -> Sequence[float]:
     timer = mujoco.mjtTimer
     stages = timer.mjTIMER_POSITION, timer.mjTIMER_POS_COLLISION, timer.mjTIMER_VELOCITY, timer.mjTIMER_CONSTRAINT
-    position, collision, forces, solver = spent[np.array(stages)].tolist()
+    position, collision, forces, solver = (float(spent[stage]) for stage in stages)
     other = float(spent[timer.mjTIMER_STEP]) - position - forces - solver
     return position - collision, collision, forces, solver, other
 
