@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -25,6 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mjframes.bench_large import GROWTH, Job, Measured, draw_growth, jobs_of, measure, ring_file, standard_jobs
+from mjframes.bench_profile import PARTS, contact_share, profile
 from mjframes.body import SoftBody, build
 from mjframes.cache import SWITCH
 from mjframes.files import replacing
@@ -61,10 +63,11 @@ LARGE_NOTE = """\
 The faster of two runs, each in a process of its own, with the kernels compiled. Processor seconds: of all threads.
 Bytes a cell: by how much the process grew, over the cells of the grid."""
 
-PARTS = ("position", "collision", "forces", "solver", "other")
+CONTACTS = "the plugin's contacts"
 PROFILE_NOTE = """\
 position: kinematics, inertia and its factorization.  collision: contacts of the patches.
-forces: elasticity, the factorization of M + hC + h²K, contact Jacobians.  solver: MuJoCo's, for the contacts."""
+forces: elasticity, the factorization of M + hC + h²K, contact Jacobians.  solver: MuJoCo's, for the contacts.
+the plugin's contacts: what collision and forces take more than in free flight."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ def main() -> None:
     runs = [run for body, size in zip(bodies, PAPER, strict=True) for run in prepare_runs(body, volume, size, STEPS)]
     speeds = measure_steps(runs, ROUNDS, STEPS)
     _show(console, step_table(speeds), STEP_NOTE)
-    profiles = {run.size: profile(run, STEPS) for run in runs if run.name == SOFT}
+    profiles = {size: measure_profile([run for run in runs if run.size == size], ROUNDS, STEPS) for size in PAPER}
     _show(console, profile_table(profiles), PROFILE_NOTE)
 
     costs = [measure_cost(volume, next(iter(PAPER)), law, ROUNDS, STEPS) for law in LAWS]
@@ -179,7 +182,7 @@ def main() -> None:
     rows += [("step", *s.size, s.name, s.step, "s") for s in speeds]
     rows += [("contacts", *s.size, s.name, s.contacts, "1") for s in speeds]
     rows += [("iterations", *s.size, s.name, s.iterations, "1") for s in speeds]
-    rows += [("share", *size, part, share, "1") for size, parts in profiles.items() for part, share in parts.items()]
+    rows += [("share", *size, part, share, "1") for size, shares in profiles.items() for part, share in shares.items()]
     rows += [("cost", *cost.speeds[0].size, cost.law, cost.over_bodies, "1") for cost in costs]
     rows += [("elasticity", *cost.speeds[0].size, cost.law, cost.over_no_elasticity, "1") for cost in costs]
     rows += [("paper", *size, "initialization", seconds, "s") for size, (seconds, _) in PAPER.items()]
@@ -280,25 +283,16 @@ def measure_cost(volume: Volume, size: Size, law: str, rounds: int, steps: int) 
     return Cost(law, points, measure_steps(prepare_runs(body, volume, size, steps), rounds, steps))
 
 
-def profile(run: Run, steps: int) -> dict[str, float]:
-    """Which share of a step each part takes, by MuJoCo's own timers."""
-    timer = mujoco.mjtTimer
-    mujoco.set_mjcb_time(time.perf_counter)
-    try:
-        before = [entry.duration for entry in run.data.timer]
-        run.step(steps)
-        spent = [entry.duration - start for entry, start in zip(run.data.timer, before, strict=True)]
-    finally:
-        mujoco.set_mjcb_time(None)
-    whole = spent[timer.mjTIMER_STEP]
-    collision = spent[timer.mjTIMER_POS_COLLISION]
-    shares = (
-        (spent[timer.mjTIMER_POSITION] - collision) / whole,
-        collision / whole,
-        spent[timer.mjTIMER_VELOCITY] / whole,
-        spent[timer.mjTIMER_CONSTRAINT] / whole,
+def measure_profile(runs: Sequence[Run], rounds: int, steps: int) -> dict[str, float]:
+    """Shares of the step of the soft body of a size in contact: of its parts, and of the plugin's work on contacts."""
+    chosen = {run.name: run for run in runs if run.name in (SOFT, AIR)}
+    found = profile(
+        {name: run.data for name, run in chosen.items()},
+        {name: partial(run.step, steps) for name, run in chosen.items()},
+        rounds,
     )
-    return dict(zip(PARTS, (*shares, 1 - sum(shares)), strict=True))
+    whole = sum(found[SOFT].values())
+    return {part: found[SOFT][part] / whole for part in PARTS} | {CONTACTS: contact_share(found[SOFT], found[AIR])}
 
 
 def build_table(buildings: Sequence[Building]) -> Table:
@@ -338,8 +332,9 @@ def step_table(speeds: Sequence[Speed]) -> Table:
 def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
     """Percentages, one column a size."""
     table = _table(f"Where the step of {SOFT} goes, percent", *map(_label, profiles))
-    for part in PARTS:
-        table.add_row(part, *(f"{100 * shares[part]:.0f}" for shares in profiles.values()))
+    for part in (*PARTS, CONTACTS):
+        cells = (f"{100 * shares[part]:.0f}" for shares in profiles.values())
+        table.add_row(part, *cells, style="bold" if part == CONTACTS else "")
     return table
 
 

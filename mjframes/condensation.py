@@ -6,6 +6,7 @@ it makes bars up to three times too stiff. So each region's material may leave i
     min over v of ½ ∫ ε(Φ x + v) : C ε(Φ x + v) dV   subject to, for each component of v,
     ∫ E v = 0,  ∫ w_i v = 0                no drift; the frames keep their meaning
     ∫ λ ∂v/∂x_a = ∫ μ ∂v/∂x_a = 0          uniform strain is untouched: the patch test
+    ∫ ∂v_a/∂x_b = ∫ ∂v_b/∂x_a              no turning: else stiff crumbs turn back, at no cost, for all that is soft
     ∫ E β ∇w_i · ∇v = 0, β ∈ {1, x, y, z}  frames, not v, carry stretch, bending and twist between them
     ∫ μ ∇(Φ z) · ∇v = 0                    for control weights Φ z that none of these sees
 
@@ -172,9 +173,11 @@ def relaxed_matrix(parts: list[Products], length: float, cells: CellGrid | None,
         energy[free, held] -= constraints.T @ (constraints @ energy[free, held])
         return _minimum(energy, np.hstack([np.zeros((len(constraints), 3 * m)), constraints]), 3 * m)
 
-    nodal_rows, nodal_h1, coupling = _nodal(cells, parts, columns, f, m)
+    nodal_rows, nodal_mean, nodal_h1, coupling = _nodal(cells, parts, columns, f, m)
     constraints = _constraints(np.hstack([rows[:, m:], nodal_rows]), np.hstack([h1[:, m:], nodal_h1]), unseen)
-    monomial, nodal = (_by_component(part) for part in np.split(constraints, [len(slopes)], axis=1))
+    mean = (spread @ total(one, "mean")).reshape(-1, 3).T[:, m:]
+    constraints = _without_turning(_by_component(constraints), np.hstack([mean, nodal_mean]))
+    monomial, nodal = np.split(constraints, [3 * len(slopes)], axis=1)
     # What the constraints take up need not be solved for: uniform strain then loads v by zeros.
     taken = monomial @ energy[free, held] + nodal @ coupling[:, held]
     energy[free, held] -= monomial.T @ taken
@@ -197,8 +200,10 @@ def plain_matrix(parts: list[Products]) -> Array:
     return elastic_matrix(by_lam, by_mu)
 
 
-def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: int) -> tuple[Array, Array, Array]:
-    """For nodal functions v: the rows (7 + 5f, N), μ ∇W_j · ∇v (m, N), and K between v and all others (3N, 3u)."""
+def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: int) -> tuple[Array, Array, Array, Array]:
+    """For nodal functions v: the rows (7 + 5f, N), ∫ ∂v/∂x_a (3, N), μ ∇W_j · ∇v (m, N), and K between v and all
+    others (3N, 3u).
+    """
     u, _, g = columns.shape
     e, lam, mu = (np.array([part.material[k] for part in parts]) for k in range(3))
     of_columns, of_one = slice(0, g), slice(g, g + 1)
@@ -219,11 +224,12 @@ def _nodal(cells: CellGrid, parts: list[Products], columns: Array, f: int, m: in
     coupling = by_lam.transpose(1, 0, 2, 3) + by_mu.transpose(1, 3, 2, 0)
     for a in range(3):
         coupling[:, a, :, a] += trace
-    uniform = along(np.concatenate([moment(lam, of_one), moment(mu, of_one)], axis=2)).transpose(2, 0, 1)
+    one = np.ones(len(parts))
+    uniform = along(np.concatenate([moment(k, of_one) for k in (lam, mu, one)], axis=2)).transpose(2, 0, 1)
     stretch = np.einsum("dndr->rn", along(moment(e, of_stretch)).reshape(3, -1, 3, 4 * f))
-    values = np.concatenate([moment(e, of_one), moment(np.ones(len(parts)), of_weights)], axis=2)
-    rows = np.vstack([at_nodes(cells, values, VALUES).T, uniform.reshape(6, -1), stretch])
-    return rows, trace[:, :m].T, coupling.reshape(-1, 3 * u)
+    values = np.concatenate([moment(e, of_one), moment(one, of_weights)], axis=2)
+    rows = np.vstack([at_nodes(cells, values, VALUES).T, uniform[:2].reshape(6, -1), stretch])
+    return rows, uniform[2], trace[:, :m].T, coupling.reshape(-1, 3 * u)
 
 
 def _null_space(rows: Array) -> Array:
@@ -241,6 +247,19 @@ def _constraints(rows: Array, h1: Array, unseen: Array) -> Array:
     held = held[np.linalg.norm(held, axis=1) > DEPENDENT * np.linalg.norm(h1)]
     _, value, right = np.linalg.svd(_unit_rows(np.vstack([rows, held])), full_matrices=False)
     return right[value > DEPENDENT * value[0]]
+
+
+def _without_turning(constraints: Array, mean: Array) -> Array:
+    """Orthonormal constraints (c, 3v) and, as far as they do not follow from them, those against a mean rotation of v.
+
+    mean: (3, v) ∫ ∂v/∂x_a.
+    """
+    turn = np.cross(np.eye(3)[:, None, :], mean.T[None]).reshape(3, -1)
+    turn /= np.linalg.norm(turn)
+    for _ in range(2):  # the second time takes off what rounding left
+        turn -= (turn @ constraints.T) @ constraints
+    _, value, right = np.linalg.svd(turn, full_matrices=False)
+    return np.vstack([constraints, right[value > DEPENDENT]])
 
 
 def _by_component(rows: Array) -> Array:

@@ -2,8 +2,9 @@
 
 A region is taken apart into face-connected pieces, since each could move by itself. Where material and weights vary
 little, the monomials are enough, and the weights are replaced by their linear least-squares fit w_i ≈ a_i + b_i · p
-there: it sums to one as well, and bent weights lock by themselves. Elsewhere cells are added, as fine as fits into an
-amount of work that grows with the number of voxels.
+there: it sums to one as well, and bent weights lock by themselves. But linear weights make quadratic fields of affine
+frames, ten of them, so that motions of many frames would cancel and cost nothing: those keep their weights. Elsewhere
+cells are added, as fine as fits into an amount of work that grows with the number of voxels.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ CHEBYSHEV = (-0.5 / 2**0.5, 0.0, 0.5 / 2**0.5)  # [voxels]
 MINOR = 0.01  # [-] share of a region's voxels below which a piece does not relax: it matters too little
 HOMOGENEOUS = 3.0  # [-] largest to smallest E up to which a region's weights may be replaced by their linear fit …
 NEARLY_LINEAR = 0.1  # [-] … if their rms residual is below this
+MOST_STRAIGHT = 4  # [frames] whose weights may be: more have twice as many control points as there are quadratic fields
 WORK, WORK_A_VOXEL = 2e9, 1e4  # [flop] that all eliminations together may take: about 0.1 s, and 0.5 µs a voxel
 COARSEST = 3  # [cells] along a region's longest axis; fewer add nothing to the monomials
 
@@ -214,8 +216,10 @@ def _linear_fit(
     """Constant and slope (4, f) [1, 1/m] of the weights' least-squares fit about the mean centre.
 
     Across a layer of one voxel no fit can see a slope: there it is the mean of the voxels' own.
-    None where material or weights vary so much that neither the fit nor monomials are enough.
+    None where material or weights vary so much that neither the fit nor monomials are enough, and for many frames.
     """
+    if len(frames) > MOST_STRAIGHT:
+        return None
     young = grid.per_material("young")[np.unique(grid.material[voxels])]
     if young.max() >= HOMOGENEOUS * young.min():
         return None

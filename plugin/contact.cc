@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "linear.h"
-#include "multiversion.h"
 #include "soft.h"
 #include "touch.h"
 
@@ -17,28 +16,9 @@ constexpr double kSamePlace = 1e-9;  // [m]
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
-MJFRAMES_MULTIVERSION
-void AddScaled(double* __restrict out, const double* __restrict weight, double value, int n) {
-  for (int s = 0; s < n; s++) out[s] += weight[s] * value;
+void SubtractScaled(double* __restrict out, const double* __restrict values, double scale, int n) {
+  for (int i = 0; i < n; i++) out[i] -= values[i] * scale;
 }
-
-}  // namespace
-
-void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out) {
-  const int n = patch.vertices;
-  std::fill(out, out + 3 * n, 0.0);
-  for (size_t j = 0; j < patch.point.size(); j++) {
-    const Vec3 x = body.kinematics().WorldPosition(d, patch.point[j]);
-    for (int c = 0; c < 3; c++) AddScaled(out + c * n, patch.weight.data() + j * n, x[c], n);
-  }
-  if (patch.offset.empty()) return;
-  const Mat3 axes = body.kinematics().Axes(d);
-  for (int c = 0; c < 3; c++) {
-    for (int e = 0; e < 3; e++) AddScaled(out + c * n, patch.offset.data() + e * n, axes[3 * c + e], n);
-  }
-}
-
-namespace {
 
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
   const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
@@ -56,7 +36,7 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   const int geom[2] = {g1, g2};
   TouchScratch scratch;
   Touch touch[kMaxTouches];
-  const int found = FindTouches(m, d, geom, side, margin, kVertices | kFeatures, &scratch, touch);
+  const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {
@@ -125,6 +105,15 @@ double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, co
          RigidEntry(m, d, body, position, {{}, measure.about}, dof);
 }
 
+// The same where nodes only slide along the soft body's axes, and so move nothing else: ± Σ ω at and below each, times
+// the direction in these axes.
+void WriteSlides(const std::vector<Node>& nodes, const Share* share, const Vec3& local, double sign, double* row) {
+  for (const Node& node : nodes) {
+    const double weight = (share++)->weight;
+    for (int a = 0; a < 3; a++) row[node.dof + a] = sign * (weight * local[a]);
+  }
+}
+
 // Overwrites the entries of row `r` of the contact for the degrees of freedom that the nodes of side s have; where they
 // are those of a robot's links, the other side may move with them too.
 void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides& sides, int s, int r) {
@@ -138,8 +127,11 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   for (int side = 0; side < 2; side++) {
     if (sides.kinematics[side]) local[side] = sides.kinematics[side]->ToLocal(d, measure.along);
   }
-  const int bodies[2] = {m->geom_bodyid[contact.geom[0]], m->geom_bodyid[contact.geom[1]]};
   const double sign = s == 1 ? 1 : -1;
+  if (!sparse && !kinematics.turning()) {
+    return WriteSlides(kinematics.nodes(), sides.share[s]->data(), local[s], sign, row);
+  }
+  const int bodies[2] = {m->geom_bodyid[contact.geom[0]], m->geom_bodyid[contact.geom[1]]};
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
   for (size_t n = 0; n < kinematics.nodes().size(); n++) {
@@ -147,7 +139,7 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
     for (int a = 0; a < node.dofs; a++) {
       const int dof = node.dof + a;
       // rows have room for what moves the two bodies, and islands know of no more: dense rows must not hold more either
-      if (!sparse && kinematics.turning() && !MovesBody(m, dof, bodies[0]) && !MovesBody(m, dof, bodies[1])) continue;
+      if (!sparse && !MovesBody(m, dof, bodies[0]) && !MovesBody(m, dof, bodies[1])) continue;
       if (sparse) {
         while (entry < entries && columns[entry] < dof) entry++;
         if (entry == entries) return;
@@ -166,18 +158,45 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
 // Jᵀ of the contact's normal as a dense vector: the mean of a pyramid's first two edges, or the first row.
 void NormalRow(const mjModel* m, const mjData* d, const mjContact& contact, double* out) {
   const int edges = contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL ? 2 : 1;
+  const double part = 1.0 / edges;
   std::fill(out, out + m->nv, 0.0);
   for (int e = 0; e < edges; e++) {
     const int i = contact.efc_address + e;
     if (mj_isSparse(m)) {
       for (int k = 0; k < d->efc_J_rownnz[i]; k++) {
         const int at = d->efc_J_rowadr[i] + k;
-        out[d->efc_J_colind[at]] += d->efc_J[at] / edges;
+        out[d->efc_J_colind[at]] += part * d->efc_J[at];
       }
     } else {
-      for (int k = 0; k < m->nv; k++) out[k] += d->efc_J[i * m->nv + k] / edges;
+      for (int k = 0; k < m->nv; k++) out[k] += part * d->efc_J[i * m->nv + k];
     }
   }
+}
+
+// half = D^(−½) L^(−ᵀ) row where whatever of the row is not zero lies, in each tree, on one path from its root: there
+// the rows of L are packed and need no indices. False where it does not.
+bool SolvePaths(const mjModel* m, const mjData* d, ContactScratch* scratch) {
+  const double* row = scratch->row.data();
+  std::fill(scratch->half.begin(), scratch->half.end(), 0.0);
+  for (int last = m->nv - 1; last >= 0; last--) {
+    if (row[last] == 0) continue;
+    const int* path = m->M_colind + m->M_rowadr[last];
+    const int length = m->M_rownnz[last];
+    double* x = scratch->path.data();
+    for (int k = length - 1, dof = last; dof >= path[0]; dof--) {
+      if (dof == path[k]) {
+        x[k--] = row[dof];
+      } else if (row[dof] != 0) {
+        return false;
+      }
+    }
+    for (int k = length - 1; k > 0; k--) {
+      if (x[k] != 0) SubtractScaled(x, d->qLD + m->M_rowadr[path[k]], x[k], m->M_rownnz[path[k]] - 1);
+    }
+    for (int k = 0; k < length; k++) scratch->half[path[k]] = x[k] * scratch->sqrt_inverse[path[k]];
+    last = path[0];
+  }
+  return true;
 }
 
 // R is (1 − imp)/imp times the inverse inertia seen by the contact. MuJoCo took that of the rigid point masses;
@@ -186,7 +205,9 @@ void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, Conta
   const int body1 = m->geom_bodyid[contact.geom[0]], body2 = m->geom_bodyid[contact.geom[1]];
   const double assumed = m->body_invweight0[2 * body1] + m->body_invweight0[2 * body2];
   NormalRow(m, d, contact, scratch->row.data());
-  mj_solveM2(m, d, scratch->half.data(), scratch->row.data(), scratch->sqrt_inverse.data(), 1);
+  if (!SolvePaths(m, d, scratch)) {
+    mj_solveM2(m, d, scratch->half.data(), scratch->row.data(), scratch->sqrt_inverse.data(), 1);
+  }
   const double actual = mju_dot(scratch->half.data(), scratch->half.data(), m->nv);
   if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
   for (int r = 0; r < RowCount(m, contact); r++) {
@@ -207,6 +228,7 @@ void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, Conta
 ContactScratch::ContactScratch(const mjModel* m)
     : row(m->nv),
       half(m->nv),
+      path(m->nv),
       sqrt_inverse(m->nv),
       omega(kMaxCarried * m->nbody),
       share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)},
@@ -227,7 +249,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   Touch found[kMaxTouches];
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
-  int kinds = kVertices;                        // these
+  bool recalled = false;                        // from the collision stage
   double highest = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
@@ -241,8 +263,8 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
         highest = std::max(highest, d->contact[i].dist);
       }
-      kinds = kVertices;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, kinds, scratch->touch.get(), found);
+      recalled = true;
+      count = RecallTouches(d, pair, side, scratch->touch.get(), found);
       next = 0;
     }
     // contacts of a pair come in the order of its touches, without those that are too far
@@ -251,9 +273,9 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       while (next < count && Norm(found[next].position - position) > kSamePlace) next++;
       return next < count;
     };
-    if (!find() && kinds == kVertices) {  // the rest are of features, which cost more
-      kinds = kFeatures;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, kinds, scratch->touch.get(), found);
+    if (!find() && recalled) {  // mjData is a copy, or has other contacts than those found last
+      recalled = false;
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
       next = 0;
       find();
     }
@@ -263,7 +285,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       if (!side[s].body) continue;
       const Kinematics& kinematics = side[s].body->kinematics();
       std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
-      AddTouchWeights(d, side, found[next], *scratch->touch, s, scratch->omega.data());
+      AddTouchWeights(side, found[next], *scratch->touch, s, scratch->omega.data());
       kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
       sides.kinematics[s] = &kinematics;
       sides.share[s] = &scratch->share[s];

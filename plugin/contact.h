@@ -46,14 +46,12 @@ struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
   ~ContactScratch();
   std::vector<double> row, half;            // J and D^(−½) L^(−ᵀ) Jᵀ             (nv)
+  std::vector<double> path;                 // of these, on one path of a tree    (≤ nv)
   std::vector<double> sqrt_inverse;         // D^(−½)                             (nv)
   std::vector<double> omega;                // ω of each control point
   std::array<std::vector<Share>, 2> share;  // by side: of the nodes         (≤ nv)
   std::unique_ptr<TouchScratch> touch;
 };
-
-// World positions of the vertices by component: out[c n + s] = Σ_j W_j(s) x_j
-void SkinPatch(const SoftBody& body, const Patch& patch, const mjData* d, double* out);
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();

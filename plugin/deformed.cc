@@ -1,6 +1,7 @@
 #include "deformed.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "soft.h"
@@ -42,8 +43,8 @@ Vec3 Interpolate(const Vec3* x, const Vec3& f, Mat3* F) {
 
 }  // namespace
 
-DeformedPatch::DeformedPatch(const SoftBody& body, int patch, const mjData* d)
-    : body_(body), data_(d), lattice_(body.lattice()), volume_(body.volumes()[patch]), patch_(patch) {}
+DeformedPatch::DeformedPatch(const SoftBody& body, int patch, const Vec3* x)
+    : body_(body), x_(x), lattice_(body.lattice()), volume_(body.volumes()[patch]), patch_(patch) {}
 
 const Patch& DeformedPatch::patch() const { return body_.patches()[patch_]; }
 
@@ -69,22 +70,11 @@ bool DeformedPatch::Nearest(const int* nodes, const Vec3& fraction) const {
   return false;
 }
 
-const Vec3* DeformedPatch::Positions() const {
-  if (x_.empty()) {
-    const int k = static_cast<int>(volume_.holds.size());
-    x_.resize(k);
-    for (int j = 0; j < k; j++) {
-      if (volume_.holds[j]) x_[j] = body_.kinematics().WorldPosition(data_, j);
-    }
-  }
-  return x_.data();
-}
-
 bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
-  const Vec3* x = Positions();
+  if (nodes[0] == cell->nodes[0]) return true;
+  cell->nodes[0] = -1;
   for (int corner = 0; corner < 8; corner++) {
     const int node = nodes[corner];
-    cell->nodes[corner] = node;
     double held = 0;
     Vec3 sum{};
     for (int e = lattice_.start[node]; e < lattice_.start[node + 1]; e++) {
@@ -92,27 +82,26 @@ bool DeformedPatch::Deform(const int* nodes, Cell* cell) const {
       if (!volume_.holds[j]) continue;
       const double weight = lattice_.weight[e];
       held += weight;
-      sum = sum + weight * x[j];
+      sum = sum + weight * x_[j];
     }
     if (held < kHeld) return false;
     cell->x[corner] = (1 / held) * sum;
   }
+  std::copy(nodes, nodes + 8, cell->nodes);
   return true;
 }
 
-bool DeformedPatch::Find(const Vec3& p, bool own, Vec3* xi) const {
+bool DeformedPatch::Find(const Vec3& p, bool own, Vec3* xi, Cell* cell) const {
   const double volume = lattice_.spacing * lattice_.spacing * lattice_.spacing;
-  Cell cell;
-  cell.nodes[0] = -1;
   for (int step = 0; step < kSteps; step++) {
     int nodes[8];
     Vec3 fraction;
     if (!lattice_.Cell(*xi, nodes, &fraction)) return false;
     // the first step may still be off by a cell or two
     if (own && step > 1 && !Owns(nodes)) return false;
-    if (nodes[0] != cell.nodes[0] && !Deform(nodes, &cell)) return false;
+    if (!Deform(nodes, cell)) return false;
     Mat3 F;
-    const Vec3 gap = p - Interpolate(cell.x, fraction, &F);
+    const Vec3 gap = p - Interpolate(cell->x, fraction, &F);
     if (Norm(gap) < kFound) {
       return !own || Nearest(nodes, fraction);
     }
@@ -124,7 +113,7 @@ bool DeformedPatch::Find(const Vec3& p, bool own, Vec3* xi) const {
   return false;
 }
 
-bool DeformedPatch::Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {
+bool DeformedPatch::Surface(const Vec3& xi, Cell* cell, Vec3* position, Vec3* normal) const {
   Vec3 q = xi, fraction, gradient;
   int nodes[8];
   for (int climb = 0;; climb++) {
@@ -135,10 +124,9 @@ bool DeformedPatch::Surface(const Vec3& xi, Vec3* position, Vec3* normal) const 
     if (climb == kClimbs || std::abs(height) < kOnSurface) break;
     q = q - (height / length) * gradient;
   }
-  Cell cell;
   Mat3 F;
-  if (!Deform(nodes, &cell)) return false;
-  *position = Interpolate(cell.x, fraction, &F);
+  if (!Deform(nodes, cell)) return false;
+  *position = Interpolate(cell->x, fraction, &F);
   if (!(Det(F) > 0)) return false;
   const Vec3 out = MulT(Inverse(F), gradient);
   *normal = (1 / Norm(out)) * out;
@@ -146,8 +134,9 @@ bool DeformedPatch::Surface(const Vec3& xi, Vec3* position, Vec3* normal) const 
 }
 
 bool DeformedPatch::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
+  Cell cell;
   Vec3 surface;
-  if (!Find(p, own, xi) || !Surface(*xi, &surface, normal)) return false;
+  if (!Find(p, own, xi, &cell) || !Surface(*xi, &cell, &surface, normal)) return false;
   *distance = Dot(*normal, p - surface);
   return true;
 }

@@ -6,12 +6,6 @@
 #ifndef MJFRAMES_PLUGIN_DEFORMED_H_
 #define MJFRAMES_PLUGIN_DEFORMED_H_
 
-#include <mujoco/mujoco.h>
-
-#include <array>
-#include <cstdint>
-#include <vector>
-
 #include "lattice.h"
 #include "linear.h"
 #include "patch_volume.h"
@@ -23,21 +17,27 @@ struct Patch;
 
 class DeformedPatch {
  public:
-  DeformedPatch(const SoftBody& body, int patch, const mjData* d);
+  // x: where the control points are in the world, by control point [m]; those that the patch's rows hold.
+  DeformedPatch(const SoftBody& body, int patch, const Vec3* x);
 
-  PatchPose Pose() const { return volume_.Pose(body_, data_); }
   bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
 
   // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
   // and no farther than a cell outside.
-  bool Find(const Vec3& p, bool own, Vec3* xi) const;
+  bool Find(const Vec3& p, bool own, Vec3* xi) const {
+    Cell cell;
+    return Find(p, own, xi, &cell);
+  }
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
   // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
   bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
 
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
-  bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const;
+  bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {
+    Cell cell;
+    return Surface(xi, &cell, position, normal);
+  }
 
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;
@@ -50,21 +50,22 @@ class DeformedPatch {
 
  private:
   struct Cell {
-    int nodes[8];
+    int nodes[8] = {-1};
     Vec3 x[8];  // deformed [m]
   };
 
+  bool Find(const Vec3& p, bool own, Vec3* xi, Cell* cell) const;
+  bool Surface(const Vec3& xi, Cell* cell, Vec3* position, Vec3* normal) const;
+
   bool Owns(const int* nodes) const;
   bool Nearest(const int* nodes, const Vec3& fraction) const;
-  bool Deform(const int* nodes, Cell* cell) const;
-  const Vec3* Positions() const;
+  bool Deform(const int* nodes, Cell* cell) const;  // if it is another than before
 
   const SoftBody& body_;
-  const mjData* data_;
+  const Vec3* x_;
   const Lattice& lattice_;
   const PatchVolume& volume_;
   int patch_;
-  mutable std::vector<Vec3> x_;  // of the control points, from the first time that they are asked for
 };
 
 }  // namespace mjframes

@@ -50,6 +50,22 @@ void AddCapsule(double radius, double half, Features* out) {
   }
 }
 
+void FindClusters(Features* out) {
+  std::vector<Feature>& points = out->points;
+  std::stable_sort(points.begin(), points.end(),
+                   [](const Feature& a, const Feature& b) { return a.cluster < b.cluster; });
+  for (size_t begin = 0, end; begin < points.size(); begin = end) {
+    Vec3 low = points[begin].position, high = low;
+    for (end = begin; end < points.size() && points[end].cluster == points[begin].cluster; end++) {
+      for (int i = 0; i < 3; i++) {
+        low[i] = std::min(low[i], points[end].position[i]);
+        high[i] = std::max(high[i], points[end].position[i]);
+      }
+    }
+    out->clusters.push_back({begin, end, {0.5 * (low + high), 0.5 * (high - low)}});
+  }
+}
+
 }  // namespace
 
 std::vector<Features> GeomFeatures(const mjModel* m, const Hulls& hulls) {
@@ -84,9 +100,7 @@ std::vector<Features> GeomFeatures(const mjModel* m, const Hulls& hulls) {
       default:
         break;
     }
-    // one cluster after the other
-    std::stable_sort(out.points.begin(), out.points.end(),
-                     [](const Feature& a, const Feature& b) { return a.cluster < b.cluster; });
+    FindClusters(&out);
   }
   return features;
 }

@@ -12,6 +12,7 @@
 
 #include "distance.h"
 #include "linear.h"
+#include "patch_volume.h"
 
 namespace mjframes {
 
@@ -22,11 +23,18 @@ struct Feature {
   int cluster;    // < kMaxFeatureClusters
 };
 
+// Features begin … end of a geom, and a box around them in the geom's axes.
+struct FeatureCluster {
+  size_t begin, end;
+  AlignedBox box;
+};
+
 // The features of one geom.
 struct Features {
-  double radius = 0;   // of the balls around the points [m]
-  bool round = false;  // an ellipsoid: the one point follows the soft surface's normal
-  std::vector<Feature> points;
+  double radius = 0;                     // of the balls around the points [m]
+  bool round = false;                    // an ellipsoid: the one point follows the soft surface's normal
+  std::vector<Feature> points;           // cluster after cluster
+  std::vector<FeatureCluster> clusters;  // those that are not empty
 };
 
 // Of every geom of the model; none for planes, height fields and SDF plugins.

@@ -134,13 +134,11 @@ PatchVolume PatchVolume::Create(const mjModel* m, const SoftBody& body, int numb
   return volume;
 }
 
-PatchPose PatchVolume::Pose(const SoftBody& body, const mjData* d) const {
-  const Lattice& lattice = body.lattice();
+PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const {
   AlignedBox box = {{}, {}};
   Mat3 B{};
-  const auto position = [&](size_t a) { return body.kinematics().WorldPosition(d, point[a]); };
   for (size_t a = 0; a < point.size(); a++) {
-    const Vec3 x = position(a);
+    const Vec3& x = positions[point[a]];
     for (int i = 0; i < 3; i++) {
       box.centre[i] += mean[a] * x[i];
       for (int c = 0; c < 3; c++) B[3 * i + c] += x[i] * slope[a][c];
@@ -148,7 +146,7 @@ PatchPose PatchVolume::Pose(const SoftBody& body, const mjData* d) const {
   }
   Vec3 bend{};
   for (size_t a = 0; a < point.size(); a++) {
-    const Vec3 x = position(a);
+    const Vec3& x = positions[point[a]];
     const Vec3 affine = box.centre + Mul(B, offset[a]);
     for (int i = 0; i < 3; i++) bend[i] += rest[a] * std::abs(x[i] - affine[i]);
   }

@@ -57,7 +57,8 @@ struct PatchPose {
 struct PatchVolume {
   static PatchVolume Create(const mjModel* m, const SoftBody& body, int patch);
 
-  PatchPose Pose(const SoftBody& body, const mjData* d) const;
+  // x: where the control points are in the world, by control point [m].
+  PatchPose Pose(const Lattice& lattice, const Vec3* x) const;
 
   // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
   bool Near(const Lattice& lattice, const Vec3& xi, double error) const;

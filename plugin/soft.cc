@@ -366,6 +366,9 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
         body->volumes_[i] = PatchVolume::Create(m, *body, static_cast<int>(i));
       }
     }
+    for (size_t i = 0; reader.ok() && i < body->patches_.size(); i++) {
+      body->states_.push_back(std::make_unique<PatchState>(*body, static_cast<int>(i)));
+    }
     body->hulls_ = CollisionHulls(m);
     body->features_ = GeomFeatures(m, body->hulls_);
     CheckHeightFields(m, body->patches_.front().geom, &reader);

@@ -28,6 +28,7 @@
 #include "kinematics.h"
 #include "lattice.h"
 #include "linear.h"
+#include "patch_state.h"
 #include "patch_volume.h"
 #include "quadrature.h"
 #include "region_batch.h"
@@ -55,6 +56,7 @@ class SoftBody {
   const Kinematics& kinematics() const { return kinematics_; }
   const std::vector<Patch>& patches() const { return patches_; }
   const std::vector<PatchVolume>& volumes() const { return volumes_; }
+  const std::vector<std::unique_ptr<PatchState>>& states() const { return states_; }
   // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
   // only.
   bool has_volume() const { return has_volume_; }
@@ -86,7 +88,8 @@ class SoftBody {
   double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
   std::vector<Patch> patches_;
   bool has_volume_ = false;
-  std::vector<PatchVolume> volumes_;  // by patch
+  std::vector<PatchVolume> volumes_;                 // by patch
+  std::vector<std::unique_ptr<PatchState>> states_;  // by patch
   Lattice lattice_;
   Hulls hulls_;                          // of the scene's meshes
   std::vector<Features> features_;       // of the scene's geoms

@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 
 #include "deformed.h"
 #include "lanes.h"
 #include "multiversion.h"
+#include "patch_state.h"
+#include "pressure.h"
 #include "soft.h"
 
 namespace mjframes {
@@ -45,22 +48,19 @@ int Nearest(const double* points, int n, const Vec3& p) {
   return nearest;
 }
 
-// A patch with its vertices where they are now.
-struct Skinned {
+// A patch where it is now.
+struct Placed {
   DeformedPatch deformed;
-  const double* vertices;
-  int n;
-  PatchPose pose;
+  PatchState* state;
+  const PatchPose& pose;
   double room;  // how far around the vertices and what is below them something may touch [m]
-
-  Vec3 Vertex(int s) const { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
 
   // Signed distance of p; xi becomes the material point at p. own: only under this patch.
   bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
     if (own && !pose.box.Holds(p, room)) return false;
     *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
     if (pose.error > kTrusted) {
-      *xi = deformed.VertexPoint(Nearest(vertices, n, p));
+      *xi = deformed.VertexPoint(Nearest(state->Vertices(), deformed.patch().vertices, p));
     } else if (own && !deformed.Near(*xi, pose.error)) {
       return false;
     }
@@ -68,33 +68,36 @@ struct Skinned {
   }
 };
 
-Skinned Skin(const DeformedPatch& deformed, const PatchPose& pose, double room, const mjData* d, double* out) {
-  SkinPatch(deformed.body(), deformed.patch(), d, out);
-  return {deformed, out, deformed.patch().vertices, pose, room};
+Vec3 Vertex(const double* vertices, int n, int s) { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
+
+// The patches of a pair, which no other thread uses meanwhile.
+class Held {
+ public:
+  Held(const int geom[2], const SoftSide side[2]) {
+    const int first = geom[0] < geom[1] ? 0 : 1;  // in one order everywhere: no two threads wait for each other
+    for (const int s : {first, 1 - first}) {
+      if (side[s].body) lock_[s] = std::unique_lock(side[s].body->states()[side[s].patch]->mutex);
+    }
+  }
+
+ private:
+  std::unique_lock<std::mutex> lock_[2];
+};
+
+PatchState* UpdatedState(const SoftSide& side, const mjData* d) {
+  PatchState* state = side.body->states()[side.patch].get();
+  state->Update(d);
+  return state;
 }
 
-// Turns the distances of a cluster into shares in its contact, which sum to 1: those that are `reach` above the deepest
-// have none. Returns the distance of the pressure centre; mjMAXVAL and no shares if nothing is near.
-double ShareOut(double* distance, int begin, int end, double reach) {
-  double deepest = mjMAXVAL;
-  for (int s = begin; s < end; s++) deepest = std::min(deepest, distance[s]);
-  if (deepest == mjMAXVAL) {
-    std::fill(distance + begin, distance + end, 0.0);
-    return mjMAXVAL;
-  }
-  double total = 0, mean = 0;
-  for (int s = begin; s < end; s++) {
-    const double share = std::max(0.0, 1 - (distance[s] - deepest) / reach);
-    mean += share * share * distance[s];
-    distance[s] = share * share;
-    total += distance[s];
-  }
-  for (int s = begin; s < end; s++) distance[s] /= total;
-  return mean / total;
+Placed Place(const SoftSide& side, const mjData* d, double room) {
+  PatchState* state = UpdatedState(side, d);
+  const DeformedPatch deformed(*side.body, side.patch, state->positions());
+  return {deformed, state, state->Pose(), room};
 }
 
 // Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
-bool PushesOut(const Skinned& soft, const Touch& touch, const double* share) {
+bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
   if (!soft.deformed.body().has_volume()) return false;
   Vec3 xi{}, position, normal;
   for (int s = touch.begin; s < touch.end; s++) {
@@ -105,27 +108,28 @@ bool PushesOut(const Skinned& soft, const Touch& touch, const double* share) {
 
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. A vertex
 // is a ball of the contact radius.
-int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
+int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
   const double radius = soft.deformed.body().contact_radius();
+  if (other.LowerBound(soft.state->VertexBox()) > std::max(0.0, margin) + radius + kMargin) return 0;
+  const Patch& patch = soft.deformed.patch();
+  const int n = patch.vertices;
+  const double* vertices = soft.state->Vertices();
   double* share = scratch->share[side];
-  int begin = 0, count = 0;
-  for (const int size : soft.deformed.patch().cluster) {
-    const int end = begin + size;
-    other.Distances(soft.vertices, soft.n, begin, end, share);
+  int end = 0, count = 0;
+  for (const int size : patch.cluster) {
+    const int begin = end;
+    end += size;
+    other.Distances(vertices, n, begin, end, share);
     for (int s = begin; s < end; s++) share[s] -= radius;
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
-    if (!(touch.distance < margin)) {
-      begin = end;
-      continue;
-    }
+    if (!(touch.distance < margin)) continue;
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
-      const Vec3 p = soft.Vertex(s);
+      const Vec3 p = Vertex(vertices, n, s);
       touch.position = touch.position + share[s] * p;
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    begin = end;
     // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
     const double length = Norm(touch.normal);
     if (!(length > mjMINVAL)) continue;
@@ -139,7 +143,7 @@ int GeomTouches(const Skinned& soft, int side, const GeomQuery& other, double ma
 
 // The point of an ellipsoid at `centre` that is deepest in the soft body, down the surface's normal; the centre itself
 // where nothing of the patch is near.
-Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, const Skinned& soft) {
+Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, const Placed& soft) {
   Vec3 p = centre, xi, normal;
   double distance;
   if (!soft.pose.box.Holds(centre, soft.room + m->geom_rbound[geom])) return centre;
@@ -152,7 +156,7 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
 }
 
 // The features of a geom that touch the patch; normals point out of the soft body.
-int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& soft, const Features& features,
+int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, const Features& features,
                    double margin, Touch* out) {
   const mjtNum* origin = d->geom_xpos + 3 * geom;
   Mat3 axes;
@@ -173,18 +177,20 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
   Near near[kMost];
   double share[kMost];
   int count = 0;
-  for (size_t first = 0, last; first < features.points.size(); first = last) {
-    const int cluster = features.points[first].cluster;
+  for (const FeatureCluster& cluster : features.clusters) {
+    if (!features.round && cluster.box.Apart(box, 2 * kMargin)) continue;
     int found = 0;
-    for (last = first; last < features.points.size() && features.points[last].cluster == cluster; last++) {
-      if (found == kMost || !(features.round || box.Holds(features.points[last].position, kMargin))) continue;
+    for (size_t i = cluster.begin; i < cluster.end && found < kMost; i++) {
+      const Vec3& position = features.points[i].position;
+      if (!(features.round || box.Holds(position, kMargin))) continue;
       Near& candidate = near[found];
-      candidate.p = world(features.points[last].position);
+      candidate.p = world(position);
       if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
       if (!soft.Distance(candidate.p, true, &candidate.xi, &share[found], &candidate.normal)) continue;
       share[found] -= features.radius;
       found++;
     }
+    if (found == 0) continue;
     const double distance = ShareOut(share, 0, found, reach);
     if (!(distance < margin)) continue;
     Touch touch = {distance, {}, {}, -1, 0, 0, {}};
@@ -203,16 +209,17 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Skinned& s
 }
 
 // The vertices of one patch that touch the other; normals point out of the other.
-int VertexTouches(const Skinned& mine, const Skinned& other, int side, double margin, TouchScratch* scratch,
-                  Touch* out) {
+int VertexTouches(const Placed& mine, const Placed& other, int side, double margin, TouchScratch* scratch, Touch* out) {
   const double radius = mine.deformed.body().contact_radius();
   double* share = scratch->share[side];
   Vec3 normals[kMaxPatchVertices];
+  const Patch& patch = mine.deformed.patch();
+  const double* vertices = mine.state->Vertices();
   int begin = 0, count = 0;
-  for (const int size : mine.deformed.patch().cluster) {
+  for (const int size : patch.cluster) {
     const int end = begin + size;
     for (int s = begin; s < end; s++) {
-      const Vec3 p = mine.Vertex(s);
+      const Vec3 p = Vertex(vertices, patch.vertices, s);
       const bool near = other.Distance(p, true, &scratch->xi[side][s], &share[s], &normals[s]);
       share[s] = near ? share[s] - radius : mjMAXVAL;
     }
@@ -220,7 +227,7 @@ int VertexTouches(const Skinned& mine, const Skinned& other, int side, double ma
     if (touch.distance < margin) {
       for (int s = begin; s < end; s++) {
         if (share[s] == 0) continue;
-        touch.position = touch.position + share[s] * mine.Vertex(s);
+        touch.position = touch.position + share[s] * Vertex(vertices, patch.vertices, s);
         touch.normal = touch.normal + share[s] * normals[s];
       }
       const double length = Norm(touch.normal);
@@ -237,23 +244,20 @@ int VertexTouches(const Skinned& mine, const Skinned& other, int side, double ma
 
 }  // namespace
 
-int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin, int kinds,
+int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
                 TouchScratch* scratch, Touch* out) {
   if (side[0].body == side[1].body) return 0;
   for (int s = 0; s < 2; s++) {
     if (side[s].body && side[s].patch < 0) return 0;
   }
+  const Held held(geom, side);
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
   double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
   if (side[0].body && side[1].body) {
-    if (!(kinds & kVertices)) return 0;
     if (!side[0].body->has_volume() || !side[1].body->has_volume()) return 0;
-    const DeformedPatch first(*side[0].body, side[0].patch, d), second(*side[1].body, side[1].patch, d);
-    const PatchPose pose[2] = {first.Pose(), second.Pose()};
-    room += first.body().contact_radius() + second.body().contact_radius();
-    if (pose[0].box.Apart(pose[1].box, room)) return 0;
-    const Skinned mine = Skin(first, pose[0], room, d, scratch->skinned[0]);
-    const Skinned other = Skin(second, pose[1], room, d, scratch->skinned[1]);
+    room += side[0].body->contact_radius() + side[1].body->contact_radius();
+    const Placed mine = Place(side[0], d, room), other = Place(side[1], d, room);
+    if (mine.pose.box.Apart(other.pose.box, room)) return 0;
     int count = VertexTouches(mine, other, 0, margin, scratch, out);
     for (int i = 0; i < count; i++) out[i].normal = -1 * out[i].normal;
     return count + VertexTouches(other, mine, 1, margin, scratch, out + count);
@@ -263,30 +267,33 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const double reach = std::max(0.0, margin) + (1 + kBlend) * body.contact_radius();
   const GeomQuery query(m, d, body.hulls(), rigid, reach);
   if (!query.valid) return 0;
-  const DeformedPatch deformed(body, side[s].patch, d);
-  if (!body.has_volume()) {
-    const Skinned soft = Skin(deformed, {}, room, d, scratch->skinned[s]);
-    const int count = kinds & kVertices ? GeomTouches(soft, s, query, margin, scratch, out) : 0;
-    for (int i = 0; i < count; i++) out[i].normal = (s == 0 ? -1 : 1) * out[i].normal;
-    return count;
-  }
-  const PatchPose pose = deformed.Pose();
-  if (query.LowerBound(pose.box) > reach) return 0;
   const Features& points = body.features()[rigid];
-  const Skinned soft = Skin(deformed, pose, room + body.contact_radius() + points.radius, d, scratch->skinned[s]);
-  int count = kinds & kVertices ? GeomTouches(soft, s, query, margin, scratch, out) : 0;
-  const int vertices = count;
-  if (kinds & kFeatures) count += FeatureTouches(m, d, rigid, soft, points, margin, out + count);
-  // those of features point out of the soft body, the others into it
-  for (int i = 0; i < count; i++) {
-    if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;
+  const Placed soft = Place(side[s], d, room + body.contact_radius() + points.radius);
+  int count = 0;
+  if (!body.has_volume() || !(query.LowerBound(soft.pose.box) > reach)) {
+    const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
+    if (body.has_volume()) count += FeatureTouches(m, d, rigid, soft, points, margin, out + count);
+    // those of features point out of the soft body, the others into it
+    for (int i = 0; i < count; i++) {
+      if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;
+    }
   }
+  soft.state->Keep(d, rigid, out, count, scratch->share[s]);
   return count;
 }
 
-void AddTouchWeights(const mjData* d, const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s,
-                     double* weight) {
-  const DeformedPatch deformed(*side[s].body, side[s].patch, d);
+int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], TouchScratch* scratch, Touch* out) {
+  if (side[0].body && side[1].body) return 0;
+  const int s = side[1].body ? 1 : 0;
+  if (side[s].patch < 0) return 0;
+  const Held held(geom, side);
+  return UpdatedState(side[s], d)->Recall(d, geom[1 - s], out, scratch->share[s]);
+}
+
+void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {
+  PatchState* state = side[s].body->states()[side[s].patch].get();
+  const std::lock_guard held(state->mutex);
+  const DeformedPatch deformed(*side[s].body, side[s].patch, state->positions());
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
     deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);

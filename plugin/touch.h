@@ -40,22 +40,21 @@ inline constexpr int kMaxTouches =
 
 // Of one pair of geoms, by side.
 struct TouchScratch {
-  double skinned[2][3 * kMaxPatchVertices];  // vertices [m]
-  double share[2][kMaxPatchVertices];        // of each vertex in its cluster's contact
-  Vec3 xi[2][kMaxPatchVertices];             // material points of the other side where the vertices are
+  double share[2][kMaxPatchVertices];  // of each vertex in its cluster's contact
+  Vec3 xi[2][kMaxPatchVertices];       // material points of the other side where the vertices are
 };
 
-// Which points are asked for; features come after vertices.
-enum TouchKinds { kVertices = 1, kFeatures = 2 };
-
 // Where the two geoms touch, or would: in a fixed order, none farther than `margin`. Nothing if the two sides are the
-// same soft body. kinds: of TouchKinds, one or both.
-int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin, int kinds,
+// same soft body. Patches keep their touches with rigid geoms.
+int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
                 TouchScratch* scratch, Touch* out);
 
-// weight[j] += weight of control point j of the soft body on side s in the velocity of the touching point.
-void AddTouchWeights(const mjData* d, const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s,
-                     double* weight);
+// What FindTouches found last, if nothing has moved since; else 0.
+int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], TouchScratch* scratch, Touch* out);
+
+// weight[j] += weight of control point j of the soft body on side s in the velocity of the touching point. The touch
+// was found or recalled last, with this scratch.
+void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight);
 
 }  // namespace mjframes
 

@@ -10,6 +10,7 @@ import pytest
 
 from mjframes import bench
 from mjframes.bench_large import Job
+from mjframes.bench_profile import contact_share
 from mjframes.material import Material
 from mjframes.volume import Volume
 
@@ -72,10 +73,17 @@ def test_each_round_makes_the_same_steps(runs: dict[str, bench.Run]) -> None:
 
 
 def test_shares_of_a_step_add_up(runs: dict[str, bench.Run]) -> None:
-    shares = bench.profile(runs[bench.SOFT], STEPS)
-    assert tuple(shares) == bench.PARTS
+    shares = bench.measure_profile(list(runs.values()), 3, STEPS)
+    assert tuple(shares) == (*bench.PARTS, bench.CONTACTS)
     assert all(share > 0 for share in shares.values())
-    assert sum(shares.values()) == pytest.approx(1)
+    assert sum(shares[part] for part in bench.PARTS) == pytest.approx(1)
+    assert shares[bench.CONTACTS] < shares["collision"] + shares["forces"]
+
+
+def test_work_on_contacts_is_what_collision_and_forces_take_more() -> None:
+    free = {"position": 2.0, "collision": 1.0, "forces": 3.0, "solver": 0.0, "other": 1.0}
+    touching = {"position": 2.0, "collision": 5.0, "forces": 4.0, "solver": 8.0, "other": 1.0}
+    assert contact_share(touching, free) == pytest.approx(5 / 20)
 
 
 def test_costs_of_a_law_compare_the_same_contacts(slab: Volume) -> None:

@@ -13,6 +13,7 @@ from shapes import mixed
 from mjframes.body import build
 from mjframes.control import ControlPoints, control_points, control_weights
 from mjframes.grid import Grid, voxel_grid
+from mjframes.harmonic import harmonic_weights
 from mjframes.material import Material
 from mjframes.null_modes import hold_null_modes, null_modes
 from mjframes.placement import place_frames
@@ -164,6 +165,48 @@ def test_bent_weights_of_single_voxels_are_straightened_where_the_material_is_ev
     monkeypatch.setattr("mjframes.relaxation.NEARLY_LINEAR", 0.0)
     assert response() < 0.9 * straight
     assert 0.7 < straight / CONVERGED[0.3] < 1.1
+
+
+def test_frames_that_overlap_widely_keep_their_stiffness(monkeypatch):
+    """Linear fits of many frames' weights would let their motions cancel: the bar would turn twice as far."""
+    bar = homogeneous(0.3)
+    size = np.array(bar.grid.lookup.shape)
+    at = np.tile(size * bar.grid.spacing / 2, (8, 1))
+    at[:, 0] = (np.arange(1, 9) / 8 * (size[0] - 1) + 0.5) * bar.grid.spacing[0]
+    placement = place_frames(bar.grid, at=at, cores=[np.flatnonzero(bar.grid.index[:, 0] == 0)])
+    weights = harmonic_weights(bar.grid, placement)
+    regions = split_regions(bar.grid, weights, 8)
+    control, tree = control_points(bar.grid, weights), elimination_tree(regions.frames, 9)
+    shapes = control_weights(surface_weights(bar.grid, weights, bar.cells.nodes), control, bar.cells.nodes)
+
+    def error() -> float:
+        stiffness = region_stiffness(bar.grid, weights, control, regions, tree)
+        return bar.solve(stiffness, control, shapes, "twist") / bar.reference("twist") - 1
+
+    assert max(len(some) for some in regions.frames) > 4
+    kept = error()
+    monkeypatch.setattr("mjframes.relaxation.MOST_STRAIGHT", 100)
+    assert error() > 0.5
+    assert -0.3 < kept < 0.05
+
+
+def test_stiff_crumbs_do_not_turn_for_the_soft_layer_under_them():
+    """A layer sheared between a held face and a few stiff voxels on it resists as a layer does."""
+    labels, h = np.zeros((13, 12, 4), np.uint8), 0.01
+    labels[:, :, :3] = 1
+    labels[4:9:2, 3:8:2, 3] = 2
+    soft = Material(1e4, 0.3, 1000)
+    grid = voxel_grid(Volume.from_labels(labels, h, {1: soft, 2: Material(1e7, 0.3, 1000)}))
+    share = np.minimum(grid.index[:, 2] / 2.5, 1.0)
+    weights = sparse.csr_array(np.stack([1 - share, share], axis=1))
+    control, tree = control_points(grid, weights), elimination_tree(((0, 1),), 2)
+    regions = Regions(np.zeros(len(share), np.int32), ((0, 1),), np.zeros(1))
+    stiffness = region_stiffness(grid, weights, control, regions, tree)
+    moved = np.zeros((len(control.frame), 3))
+    moved[control.frame == 1, 0] = 1.0
+    moved = moved[stiffness.points[0]].ravel()
+    layer = soft.lame[1] * (13 * 12 * h * h) / (2.5 * h)  # [N/m] μ A / thickness
+    assert 0.8 < moved @ stiffness.matrix[0] @ moved / layer < 1.3
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,163 @@
+#include "patch_state.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "lanes.h"
+#include "multiversion.h"
+#include "soft.h"
+
+namespace mjframes {
+namespace {
+
+// Blend for `Blocks` times four vertices from s on.
+template <int Blocks>
+MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int s,
+                               bool adds, double* out) {
+  Lanes sum[3][Blocks];
+  for (int c = 0; c < 3; c++) {
+    for (int b = 0; b < Blocks; b++) sum[c][b] = adds ? Load(out + c * n + s + kLanes * b) : Fill(0);
+  }
+  for (size_t a = 0; a < points; a++) {
+    const Vec3& position = x[point[a]];
+    for (int c = 0; c < 3; c++) {
+      for (int b = 0; b < Blocks; b++) sum[c][b] += Load(weight + a * n + s + kLanes * b) * position[c];
+    }
+  }
+  for (int c = 0; c < 3; c++) {
+    for (int b = 0; b < Blocks; b++) Store(sum[c][b], out + c * n + s + kLanes * b);
+  }
+}
+
+// out[c n + s] = Σ_a weight[a n + s] x[point[a]][c], or `adds` that to it
+MJFRAMES_MULTIVERSION
+void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, bool adds, double* out) {
+  constexpr int kBlocks = 3;  // their nine sums stay in registers
+  int s = 0;
+  for (; s + kBlocks * kLanes <= n; s += kBlocks * kLanes)
+    BlendSome<kBlocks>(weight, point, points, x, n, s, adds, out);
+  for (; s + kLanes <= n; s += kLanes) BlendSome<1>(weight, point, points, x, n, s, adds, out);
+  for (; s < n; s++) {
+    for (int c = 0; c < 3; c++) {
+      double sum = adds ? out[c * n + s] : 0;
+      for (size_t a = 0; a < points; a++) sum += weight[a * n + s] * x[point[a]][c];
+      out[c * n + s] = sum;
+    }
+  }
+}
+
+// Half of the sum and of the difference of the largest and the least of n values.
+MJFRAMES_MULTIVERSION
+void Range(const double* value, int n, double* centre, double* half) {
+  Lanes lows = Fill(mjMAXVAL), highs = Fill(-mjMAXVAL);
+  int s = 0;
+  for (; s + kLanes <= n; s += kLanes) {
+    const Lanes some = Load(value + s);
+    lows = some < lows ? some : lows;
+    highs = some > highs ? some : highs;
+  }
+  double low = std::min({lows[0], lows[1], lows[2], lows[3]}),
+         high = std::max({highs[0], highs[1], highs[2], highs[3]});
+  for (; s < n; s++) {
+    low = std::min(low, value[s]);
+    high = std::max(high, value[s]);
+  }
+  *centre = 0.5 * (low + high);
+  *half = 0.5 * (high - low);
+}
+
+std::array<mjtNum, 12> PlaceOf(const mjData* d, int geom) {
+  std::array<mjtNum, 12> place;
+  std::copy_n(d->geom_xpos + 3 * geom, 3, place.begin());
+  std::copy_n(d->geom_xmat + 9 * geom, 9, place.begin() + 3);
+  return place;
+}
+
+// Shares are of vertices, cluster by cluster; other entries are of clusters that do not touch.
+void CopyShares(const Touch* touch, int count, const double* from, double* to) {
+  for (int i = 0; i < count; i++) {
+    if (touch[i].side >= 0) std::copy(from + touch[i].begin, from + touch[i].end, to + touch[i].begin);
+  }
+}
+
+}  // namespace
+
+PatchState::PatchState(const SoftBody& body, int patch)
+    : body_(body), patch_(body.patches()[patch]), number_(patch), axes_(kIdentity) {
+  const std::vector<uint8_t>& holds = body.volumes()[patch].holds;
+  for (size_t j = 0; j < holds.size(); j++) {
+    if (holds[j]) point_.push_back(static_cast<int32_t>(j));
+  }
+  for (const int32_t j : patch_.point) {
+    if (holds.empty() || !holds[j]) point_.push_back(j);
+  }
+  constexpr double kNowhere = std::numeric_limits<double>::quiet_NaN();  // equal to nothing
+  x_.assign(body.kinematics().points().size(), {kNowhere, kNowhere, kNowhere});
+  vertices_.resize(3 * static_cast<size_t>(patch_.vertices));
+  for (Kept& kept : touches_) kept.share.resize(patch_.vertices);
+}
+
+void PatchState::Update(const mjData* d) {
+  bool same = true;
+  for (const int32_t j : point_) {
+    const Vec3 x = body_.kinematics().WorldPosition(d, j);
+    same = same && x == x_[j];
+    x_[j] = x;
+  }
+  if (!patch_.offset.empty()) {
+    const Mat3 axes = body_.kinematics().Axes(d);
+    same = same && axes == axes_;
+    axes_ = axes;
+  }
+  if (same) return;
+  posed_ = skinned_ = false;
+  kept_ = 0;
+}
+
+const PatchPose& PatchState::Pose() {
+  if (!posed_ && body_.has_volume()) pose_ = body_.volumes()[number_].Pose(body_.lattice(), x_.data());
+  posed_ = true;
+  return pose_;
+}
+
+const double* PatchState::Vertices() {
+  double* out = vertices_.data();
+  if (skinned_) return out;
+  skinned_ = true;
+  const int n = patch_.vertices;
+  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, false, out);
+  if (!patch_.offset.empty()) {
+    const Mat3 turned = Transpose(axes_);
+    const Vec3 axis[3] = {
+        {turned[0], turned[1], turned[2]}, {turned[3], turned[4], turned[5]}, {turned[6], turned[7], turned[8]}};
+    constexpr int32_t kAxes[3] = {0, 1, 2};
+    Blend(patch_.offset.data(), kAxes, 3, axis, n, true, out);
+  }
+  for (int c = 0; c < 3; c++) Range(out + c * n, n, &box_.centre[c], &box_.half[c]);
+  return out;
+}
+
+void PatchState::Keep(const mjData* d, int geom, const Touch* touch, int count, const double* share) {
+  const auto end = touches_.begin() + kept_;
+  const auto found = std::find_if(touches_.begin(), end, [geom](const Kept& kept) { return kept.geom == geom; });
+  if (found == touches_.end() || (found == end && count == 0)) return;
+  if (found == end) kept_++;
+  found->geom = geom;
+  found->count = count;
+  found->place = PlaceOf(d, geom);
+  std::copy_n(touch, count, found->touch.begin());
+  CopyShares(touch, count, share, found->share.data());
+}
+
+int PatchState::Recall(const mjData* d, int geom, Touch* touch, double* share) const {
+  for (int i = 0; i < kept_; i++) {
+    const Kept& kept = touches_[i];
+    if (kept.geom != geom || kept.place != PlaceOf(d, geom)) continue;
+    std::copy_n(kept.touch.begin(), kept.count, touch);
+    CopyShares(touch, kept.count, kept.share.data(), share);
+    return kept.count;
+  }
+  return 0;
+}
+
+}  // namespace mjframes
