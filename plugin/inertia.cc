@@ -10,10 +10,9 @@
 //
 //   δ²E = … + δθᵀ K_n δθ,   K_n = Σ_j ½ (r_j g_jᵀ + g_j r_jᵀ) − (r_j·g_j) I
 //
-// K_n is held with eigenvalues max(|λ|, |τ·n| / kLongestTurn), n the eigenvector and τ the torque of f about c: as in
-// hessian.h no Newton step turns a node further. Like K it is in the inertia and, times h + β, a damping; without it
-// large forces turned light frames by radians in a step. Bodies that have points on slides too go without: they return
-// from any shape as they are, and with it some overshot.
+// K_n is held in the inertia with the magnitudes of its eigenvalues, as hessian.h does: without it large forces turned
+// light frames by radians in a step. It damps nothing, unlike K: stressed bodies may spin as a whole. Bodies that have
+// points on slides too go without: they return from any shape as they are, and with it some overshot.
 
 #include <algorithm>
 #include <cstddef>
@@ -25,8 +24,6 @@
 
 namespace mjframes {
 namespace {
-
-constexpr double kLongestTurn = 0.5;  // [rad] of a Newton step
 
 // Σ += block, seen from the twists of the two nodes.
 void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed, double* sum) {
@@ -109,9 +106,8 @@ void SumPath(double* row, int depth) {
 
 }  // namespace
 
-void Kinematics::StiffenTurns(const std::vector<Vec3>& force, double rate, const mjData* d) {
+void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
   if (!stiffens_) return;
-  std::fill(torque_.begin(), torque_.end(), Vec3{});
   std::fill(turn_.begin(), turn_.end(), Mat3{});
   for (size_t j = 0; j < points_.size(); j++) {
     const int n = points_[j].node;
@@ -120,23 +116,20 @@ void Kinematics::StiffenTurns(const std::vector<Vec3>& force, double rate, const
     const Vec3 r = x_[j] - PositionToLocal(d, {at[0], at[1], at[2]});
     const Vec3& f = force[j];
     const double along = Dot(r, f);
-    torque_[n] = torque_[n] + Cross(r, f);
     for (int a = 0; a < 3; a++) {
       for (int b = 0; b < 3; b++) turn_[n][3 * a + b] += (a == b ? along : 0) - 0.5 * (r[a] * f[b] + r[b] * f[a]);
     }
   }
+  constexpr Lanes kNoForce[3] = {};
   for (size_t first = 0; first < nodes_.size(); first += kLanes) {  // as many nodes at once
     const size_t count = std::min<size_t>(kLanes, nodes_.size() - first);
-    Lanes K[9] = {}, torque[3] = {};
+    Lanes K[9] = {};
     for (size_t i = 0; i < count; i++) {
-      for (int r = 0; r < 3; r++) torque[r][i] = torque_[first + i][r];
       for (int e = 0; e < 9; e++) K[e][i] = turn_[first + i][e];
     }
-    ProjectBlock(torque, Fill(kLongestTurn), K);
+    ProjectBlock(kNoForce, Fill(1), K);
     for (size_t i = 0; i < count; i++) {
       for (int e = 0; e < 9; e++) turn_[first + i][e] = K[e][i];
-      const double* omega = motion_.data() + 6 * (first + i) + 3;
-      torque_[first + i] = -rate * Mul(turn_[first + i], Vec3{omega[0], omega[1], omega[2]});
     }
   }
 }

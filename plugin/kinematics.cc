@@ -135,10 +135,7 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   load_.resize(nodes_.size());
   weight_.resize(nodes_.size());
   slide_.resize(nodes_.size());
-  if (stiffens_) {
-    turn_.assign(nodes_.size(), Mat3{});
-    torque_.assign(nodes_.size(), Vec3{});
-  }
+  if (stiffens_) turn_.assign(nodes_.size(), Mat3{});
   twist_.assign(6 * twists, 0.0);
   motion_.resize(6 * nodes_.size());
 }
@@ -317,11 +314,6 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
     if constexpr (N == 6) {
       const Vec3 torque = Cross(lever_[j], force[j]);
       for (int r = 0; r < 3; r++) wrench[3 + r] += torque[r];
-    }
-  }
-  if constexpr (N == 6) {
-    for (size_t n = 0; n < torque_.size(); n++) {
-      for (int r = 0; r < 3; r++) motion_[6 * n + 3 + r] += torque_[n][r];
     }
   }
   for (size_t n = nodes_.size(); n-- > 0;) {

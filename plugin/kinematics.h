@@ -8,7 +8,7 @@
 //   Jᵀf at a = S_aᵀ Σ_j X_jᵀ f_j     over the points at and below a's node
 //   JᵀKJ at (a, b) = S_aᵀ (Σ_jk X_jᵀ K_jk X_k) S_b
 //
-// summed over subtrees from the leaves up. Forces that turn with a node have a stiffness of their own, K_n
+// summed over subtrees from the leaves up. Forces on a node that turns have a stiffness of their own, K_n
 // (inertia.cc), on its rotation. Where all nodes are slides along the axes, twists are translations, X = I and the
 // blocks 3 × 3; else they are 6 × 6. Everything is in the soft body's own axes, those of the body that its outermost
 // nodes hang on, seen from there [SI]. Index letters: j, k control point; n node; a, b degree of freedom.
@@ -85,12 +85,11 @@ class Kinematics {
   // x, v of this step.
   void Gather(const mjModel* m, const mjData* d);
 
-  // qfrc_passive += Jᵀ f, and the torques of StiffenTurns; force: one a point.
+  // qfrc_passive += Jᵀ f; force: one a point.
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 
-  // K_n of all nodes, for the inertia of this step, and −rate K_n ω_n for its forces; after Gather.
-  // force: one a point, −∂E/∂x.
-  void StiffenTurns(const std::vector<Vec3>& force, double rate, const mjData* d);
+  // K_n of all nodes, for the inertia of this step; after Gather. force: one a point, −∂E/∂x.
+  void StiffenTurns(const std::vector<Vec3>& force, const mjData* d);
 
   // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I, and stiffness_scale K_n on the nodes' rotations, if
   // any. stiffness: 3×3 row-major block a pair; mass: one a pair. d->M is the rigid inertia, or, if this body replaces
@@ -171,7 +170,6 @@ class Kinematics {
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
   std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)
   std::vector<Mat3> turn_;      // K_n of the nodes, where they turn
-  std::vector<Vec3> torque_;    // of the forces on their own points, then −rate K_n ω_n
   std::vector<double> sum_;     // Σ XᵀBX of the node pairs                   (N × N a pair)
 };
 

@@ -106,8 +106,8 @@ def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[
 def turning_stiffness(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
     """(nv, nv) of the rotations of what carries control points; zero where some of them ride at a body's origin.
 
-    Σ_j sym(r gᵀ) − (g·r) I of each with eigenvalues max(|λ|, |τ·n| / 0.5 rad): g = −f, τ = Σ_j r × f, r from the
-    origin of the closest body with joints.
+    Σ_j sym(r gᵀ) − (g·r) I of each with the magnitudes of its eigenvalues: g = −f, r from the origin of the closest
+    body with joints.
     """
     x, force = view.control_positions, np.zeros((len(view.bodies), 3))
     for region in view.regions:
@@ -122,11 +122,10 @@ def turning_stiffness(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) ->
             return np.zeros((model.nv, model.nv))
         second = -arm.T @ f
         values, vectors = np.linalg.eigh((second + second.T) / 2 - np.trace(second) * np.eye(3))
-        held = np.maximum(np.abs(values), np.abs(np.cross(arm, f).sum(axis=0) @ vectors) / 0.5)
         rotation = np.zeros((3, model.nv))
         mujoco.mj_jacBody(model, data, None, rotation, node)
         rotation[:, common] = 0
-        stiffness += rotation.T @ (vectors * held) @ vectors.T @ rotation
+        stiffness += rotation.T @ (vectors * np.abs(values)) @ vectors.T @ rotation
     return stiffness
 
 
@@ -139,7 +138,7 @@ def _with_joints(model: mujoco.MjModel, body: int) -> int:
 def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7).
 
-    K has what turning forces add.
+    In the latter K has what forces on frames that turn add.
     """
     h, v = model.opt.timestep, data.qvel
     passive, inertia = np.zeros(model.nv), np.zeros((model.nv, model.nv))
@@ -148,8 +147,8 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         alpha, beta = float(view.configuration["alpha"]), float(view.configuration["beta"])
         force, stiffness = elasticity(model, data, view)
         mass = point_mass(model, data, view)
-        stiffness += turning_stiffness(model, data, view)
         passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
+        stiffness += turning_stiffness(model, data, view)
         inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
     return passive, inertia
 
