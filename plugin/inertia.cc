@@ -4,10 +4,20 @@
 //
 // The blocks of the node pairs are summed over subtrees, first by rows, from the leaves up, then by columns, along each
 // path. What the points of one node and of another add to a third pair above both is in the sums of both.
+//
+// Where a node turns by δθ, its points x_j = c + r_j also move by δθ × (δθ × r_j)/2 against the gradients g = −f of the
+// elastic energy:
+//
+//   δ²E = … + δθᵀ K_n δθ,   K_n = Σ_j ½ (r_j g_jᵀ + g_j r_jᵀ) − (r_j·g_j) I
+//
+// K_n is held in the inertia with the magnitudes of its eigenvalues, as hessian.h does: without it large forces turned
+// light frames by radians in a step. It damps nothing, unlike K: stressed bodies may spin as a whole. Bodies that have
+// points on slides too go without: they return from any shape as they are, and with it some overshot.
 
 #include <algorithm>
 #include <cstddef>
 
+#include "hessian.h"
 #include "kinematics.h"
 #include "lanes.h"
 #include "multiversion.h"
@@ -96,6 +106,43 @@ void SumPath(double* row, int depth) {
 
 }  // namespace
 
+void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
+  if (!stiffens_) return;
+  std::fill(turn_.begin(), turn_.end(), Mat3{});
+  for (size_t j = 0; j < points_.size(); j++) {
+    const int n = points_[j].node;
+    if (n < 0) continue;
+    const mjtNum* at = d->xpos + 3 * nodes_[n].body;
+    const Vec3 r = x_[j] - PositionToLocal(d, {at[0], at[1], at[2]});
+    const Vec3& f = force[j];
+    const double along = Dot(r, f);
+    for (int a = 0; a < 3; a++) {
+      for (int b = 0; b < 3; b++) turn_[n][3 * a + b] += (a == b ? along : 0) - 0.5 * (r[a] * f[b] + r[b] * f[a]);
+    }
+  }
+  constexpr Lanes kNoForce[3] = {};
+  for (size_t first = 0; first < nodes_.size(); first += kLanes) {  // as many nodes at once
+    const size_t count = std::min<size_t>(kLanes, nodes_.size() - first);
+    Lanes K[9] = {};
+    for (size_t i = 0; i < count; i++) {
+      for (int e = 0; e < 9; e++) K[e][i] = turn_[first + i][e];
+    }
+    ProjectBlock(kNoForce, Fill(1), K);
+    for (size_t i = 0; i < count; i++) {
+      for (int e = 0; e < 9; e++) turn_[first + i][e] = K[e][i];
+    }
+  }
+}
+
+void Kinematics::AddTurns(double stiffness_scale) {
+  for (size_t n = 0; n < nodes_.size(); n++) {
+    double* sum = sum_.data() + 36 * static_cast<size_t>(nodes_[n].pair + nodes_[n].depth);
+    for (int a = 0; a < 3; a++) {
+      for (int b = 0; b < 3; b++) sum[6 * (3 + a) + 3 + b] += stiffness_scale * turn_[n][3 * a + b];
+    }
+  }
+}
+
 void Kinematics::StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
                               mjData* d) {
   turning_ ? StoreTurningInertia(stiffness, stiffness_scale, mass, d)
@@ -163,6 +210,7 @@ void Kinematics::StoreTurningInertia(const double* stiffness, double stiffness_s
       AddBlock(block, lever_[pair.j], lever_[pair.k], true, sum);
     }
   }
+  if (stiffens_) AddTurns(stiffness_scale);
   if (free_) SumMass(mass);
   // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
   for (size_t n = nodes_.size(); n-- > 1;) {

@@ -108,8 +108,8 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     const bool own = m->body_plugin[body] == instance;
     if (m->body_dofnum[body] == 0 || (!own && moved[body] == static_cast<int>(points_.size()))) continue;
     const Node node = {
-        body,  above, above < 0 ? 0 : nodes_[above].depth + 1, m->body_dofadr[body], m->body_dofnum[body], twists,
-        pairs, 0};
+        body, above, above < 0 ? 0 : nodes_[above].depth + 1, m->body_dofadr[body], m->body_dofnum[body], twists, pairs,
+        0,    false};
     turning_ = turning_ || !own || node.dofs > 3 || (above < 0 && m->body_parentid[body] != holder_) ||
                (above >= 0 && m->body_parentid[body] != nodes_[above].body);
     twists += node.dofs;
@@ -119,9 +119,15 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   }
   for (ControlPoint& point : points_) {
     point.node = node_of[point.body];
-    turning_ = turning_ || (point.node >= 0 && point.offset);
+    if (point.node >= 0) {
+      Node& node = nodes_[point.node];
+      node.arms = node.arms || point.offset || point.body != node.body;
+      turning_ = turning_ || point.offset;
+    }
     point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
   }
+  stiffens_ = turning_;
+  for (const ControlPoint& point : points_) stiffens_ = stiffens_ && (point.node < 0 || nodes_[point.node].arms);
   replaces_ = !turning_ && OwnsInertia(m, instance);
   free_ = !nodes_.empty();
   for (const ControlPoint& point : points_) free_ = free_ && point.node >= 0;
@@ -129,6 +135,7 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   load_.resize(nodes_.size());
   weight_.resize(nodes_.size());
   slide_.resize(nodes_.size());
+  if (stiffens_) turn_.assign(nodes_.size(), Mat3{});
   twist_.assign(6 * twists, 0.0);
   motion_.resize(6 * nodes_.size());
 }

@@ -8,10 +8,10 @@
 //   Jᵀf at a = S_aᵀ Σ_j X_jᵀ f_j     over the points at and below a's node
 //   JᵀKJ at (a, b) = S_aᵀ (Σ_jk X_jᵀ K_jk X_k) S_b
 //
-// summed over subtrees from the leaves up. Where all nodes are slides along the axes, twists are translations, X = I
-// and the blocks 3 × 3; else they are 6 × 6. Everything is in the soft body's own axes, those of the body that its
-// outermost nodes hang on, seen from there [SI].
-// Index letters: j, k control point; n node; a, b degree of freedom.
+// summed over subtrees from the leaves up. Forces on a node that turns have a stiffness of their own, K_n
+// (inertia.cc), on its rotation. Where all nodes are slides along the axes, twists are translations, X = I and the
+// blocks 3 × 3; else they are 6 × 6. Everything is in the soft body's own axes, those of the body that its outermost
+// nodes hang on, seen from there [SI]. Index letters: j, k control point; n node; a, b degree of freedom.
 
 #ifndef MJFRAMES_PLUGIN_KINEMATICS_H_
 #define MJFRAMES_PLUGIN_KINEMATICS_H_
@@ -48,6 +48,7 @@ struct Node {
   int twist;   // their twists start here
   int pair;    // its pairs with the nodes at depth 0, 1, … start here; the last is with itself
   int entry;   // the addresses in d->M of its rows start here: dof by dof, column by column
+  bool arms;   // whether some of its own points are elsewhere than at its body's origin
 };
 
 // Two coupled control points, or one with itself.
@@ -87,8 +88,12 @@ class Kinematics {
   // qfrc_passive += Jᵀ f; force: one a point.
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 
-  // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I. stiffness: 3×3 row-major block a pair; mass: one a
-  // pair. d->M is the rigid inertia, or, if this body replaces its entries, any.
+  // K_n of all nodes, for the inertia of this step; after Gather. force: one a point, −∂E/∂x.
+  void StiffenTurns(const std::vector<Vec3>& force, const mjData* d);
+
+  // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I, and stiffness_scale K_n on the nodes' rotations, if
+  // any. stiffness: 3×3 row-major block a pair; mass: one a pair. d->M is the rigid inertia, or, if this body replaces
+  // its entries, any.
   void StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m, mjData* d);
 
   // Where control point j is in the world; needs d alone, so that several threads may ask.
@@ -137,6 +142,7 @@ class Kinematics {
   bool OwnsInertia(const mjModel* m, int instance) const;
   template <int N>
   void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
+  void AddTurns(double stiffness_scale);
   void SumMass(const double* mass);
   void StoreSlideInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m,
                          mjData* d);
@@ -146,7 +152,8 @@ class Kinematics {
   int holder_ = 0;      // body whose axes are the soft body's
   bool turning_ = false;
   bool replaces_ = false;
-  bool free_ = false;  // whether the first node moves all points
+  bool stiffens_ = false;  // whether all points ride on frames that turn, so that their turns are stiffened
+  bool free_ = false;      // whether the first node moves all points
   std::vector<ControlPoint> points_;
   std::vector<Node> nodes_;  // ancestors first
   std::vector<PointPair> pairs_;
@@ -162,6 +169,7 @@ class Kinematics {
   std::vector<Vec3> slide_;     // of the nodes, where they only slide
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
   std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)
+  std::vector<Mat3> turn_;      // K_n of the nodes, where they turn
   std::vector<double> sum_;     // Σ XᵀBX of the node pairs                   (N × N a pair)
 };
 

@@ -435,6 +435,7 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
   if (awake) {
     kinematics_.Gather(m, d);
     AddElasticity();
+    if (implicit_) kinematics_.StiffenTurns(force_, d);
     AddDamping(implicit_ ? m->opt.timestep + beta_ : beta_);
     kinematics_.StoreForce(force_, d);
   }
@@ -454,7 +455,7 @@ bool SoftBody::AnyAdds(const mjModel* m, const mjData* d) {
   return false;
 }
 
-// d->M += Jᵀ ((h² + h β) K + h α M) J, and the part of the mass that MuJoCo does not know of.
+// d->M += Jᵀ ((h² + h β) K + h α M) J, the stiffness of turns, and the part of the mass that MuJoCo does not know of.
 void SoftBody::StoreInertia(const mjModel* m, mjData* d) {
   const double h = m->opt.timestep;
   for (size_t i = 0; i < mass_.size(); i++) {

@@ -7,8 +7,9 @@
 //   d->M         += Jᵀ ((h² + h β) K + h α M) J,   then factored
 //
 // and MuJoCo's own solver finishes the linearly implicit Euler step (7) with contacts and all. In explicit mode the
-// first line has β K v for (h + β) K v and the second is left out.
-// Index letters: j, k control point; e region; s surface vertex. Everything is in the soft body's own axes [SI].
+// first line has β K v for (h + β) K v and the second is left out. In the second K includes what forces on rigid frames
+// add to the stiffness of their rotation (inertia.cc). Index letters: j, k control point; e region; s surface vertex.
+// Everything is in the soft body's own axes [SI].
 
 #ifndef MJFRAMES_PLUGIN_SOFT_H_
 #define MJFRAMES_PLUGIN_SOFT_H_

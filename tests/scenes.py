@@ -103,8 +103,43 @@ def elasticity(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> tuple[
     return jacobian.T @ force, jacobian.T @ stiffness @ jacobian
 
 
+def turning_stiffness(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
+    """(nv, nv) of the rotations of what carries control points; zero where some of them ride at a body's origin.
+
+    Σ_j sym(r gᵀ) − (g·r) I of each with the magnitudes of its eigenvalues: g = −f, r from the origin of the closest
+    body with joints.
+    """
+    x, force = view.control_positions, np.zeros((len(view.bodies), 3))
+    for region in view.regions:
+        force[region.points] += region.response(x[region.points])[0]
+    nodes = np.array([_with_joints(model, int(body)) for body in view.bodies])
+    common = ~point_jacobian(model, data, view).any(axis=0)  # what moves all points
+    stiffness = np.zeros((model.nv, model.nv))
+    for node in set(nodes[nodes > 0].tolist()):
+        own = nodes == node
+        arm, f = x[own] - data.xpos[node], force[own]
+        if np.abs(arm).max() < 1e-9:
+            return np.zeros((model.nv, model.nv))
+        second = -arm.T @ f
+        values, vectors = np.linalg.eigh((second + second.T) / 2 - np.trace(second) * np.eye(3))
+        rotation = np.zeros((3, model.nv))
+        mujoco.mj_jacBody(model, data, None, rotation, node)
+        rotation[:, common] = 0
+        stiffness += rotation.T @ (vectors * np.abs(values)) @ vectors.T @ rotation
+    return stiffness
+
+
+def _with_joints(model: mujoco.MjModel, body: int) -> int:
+    while body > 0 and model.body_dofnum[body] == 0:
+        body = int(model.body_parentid[body])
+    return body
+
+
 def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7)."""
+    """What the plugin has to add, of all soft bodies: to qfrc_passive (nv,) and to M (nv, nv). Equation (7).
+
+    In the latter K has what forces on frames that turn add.
+    """
     h, v = model.opt.timestep, data.qvel
     passive, inertia = np.zeros(model.nv), np.zeros((model.nv, model.nv))
     for name in soft_names(model):
@@ -113,6 +148,7 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         force, stiffness = elasticity(model, data, view)
         mass = point_mass(model, data, view)
         passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
+        stiffness += turning_stiffness(model, data, view)
         inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
     return passive, inertia
 
