@@ -25,7 +25,7 @@
 
 namespace mjframes {
 
-inline constexpr double kMargin = 1.001;   // [-] beyond which an eigenvalue is certainly above its bound …
+inline constexpr double kCertain = 1.001;  // [-] beyond which an eigenvalue is certainly above its bound …
 inline constexpr double kRounding = 1e-6;  // … and, of |A|, above zero
 inline constexpr double kReach = 1;        // [-] the longest Newton step, in F; strains well below it are not affected
 
@@ -94,7 +94,7 @@ MJFRAMES_INLINE void ProjectBlock(const T* p, const T& reach, T* A) {
   for (int e = 0; e < 9; e++) square += A[e] * A[e];
   for (int e = 0; e < 3; e++) along += p[e] * p[e];
   const T shift = Sqrt(square);
-  if (ExceedsAll(A, kMargin * (Sqrt(along) / reach + kRounding * shift))) return;  // nothing to change
+  if (ExceedsAll(A, kCertain * (Sqrt(along) / reach + kRounding * shift))) return;  // nothing to change
   // A + c I is positive, so that its singular vectors are A's eigenvectors
   T B[9], V[9];
   for (int e = 0; e < 9; e++) B[e] = e % 4 == 0 ? A[e] + shift : A[e];

@@ -140,7 +140,8 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
   motion_.resize(6 * nodes_.size());
 }
 
-// Whether neither actuators or tendons with armature nor the points of another instance add to the nodes' entries of M.
+// Whether neither actuators and tendons, which may have armature, nor the points of another instance add to the nodes'
+// entries of M.
 bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
   std::vector<bool> own(m->nbody, false);  // nodes and what hangs on them
   for (const Node& node : nodes_) own[node.body] = true;
@@ -149,11 +150,11 @@ bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
     const int other = m->body_plugin[body];
     if (own[body] && other >= 0 && other != instance && m->plugin[other] == m->plugin[instance]) return false;
   }
-  const auto driven = [m](const Node& node) {
-    const int* actuator = m->jnt_actuatorid + m->body_jntadr[node.body];
-    return std::any_of(actuator, actuator + m->body_jntnum[node.body], [](int id) { return id != -1; });
-  };
-  return m->ntendon == 0 && std::none_of(nodes_.begin(), nodes_.end(), driven);
+  for (int i = 0; i < m->nu; i++) {
+    const bool joint = m->actuator_trntype[i] == mjTRN_JOINT || m->actuator_trntype[i] == mjTRN_JOINTINPARENT;
+    if (joint && own[m->jnt_bodyid[m->actuator_trnid[2 * i]]]) return false;
+  }
+  return m->ntendon == 0;
 }
 
 bool Kinematics::IsAbove(int upper, int lower) const {

@@ -71,7 +71,7 @@ Mat3 GlobalMaximum(const Mat3& F) {
 
 // Newton's iteration for the stationary point of tr(Rᵀ F) near R; false if it does not end at a maximum.
 bool Refine(const Mat3& F, double scale, Mat3* R) {
-  for (int step = 0; step < kNewtonSteps; step++) {
+  for (int step = 0; step < kRotationSteps; step++) {
     const Mat3 S = Mul(Transpose(*R), F);
     const double trace = S[0] + S[4] + S[8];
     const double xy = 0.5 * (S[1] + S[3]), xz = 0.5 * (S[2] + S[6]), yz = 0.5 * (S[5] + S[7]);
@@ -85,7 +85,7 @@ bool Refine(const Mat3& F, double scale, Mat3* R) {
     const double angle = Norm(omega);
     if (!(angle < kTrustRadius)) return false;
     *R = Mul(*R, Cayley(omega));
-    if (angle < kConverged) return true;
+    if (angle < kRotated) return true;
   }
   return false;
 }

@@ -10,8 +10,8 @@
 namespace mjframes {
 
 // Of Newton's iteration.
-inline constexpr int kNewtonSteps = 8;       // quadratic convergence: a guess within 1 rad needs 3 to 5
-inline constexpr double kConverged = 1e-8;   // [rad] quadratic convergence: the next correction is below rounding
+inline constexpr int kRotationSteps = 8;     // quadratic convergence: a guess within 1 rad needs 3 to 5
+inline constexpr double kRotated = 1e-8;     // [rad] quadratic convergence: the next correction is below rounding
 inline constexpr double kTrustRadius = 0.7;  // [rad] longest Newton correction that is followed
 inline constexpr double kMinTwist = 1e-6;    // [-] relative to |F|: below, Newton's matrix is useless
 

@@ -22,7 +22,7 @@ MJFRAMES_INLINE void FollowRotation(const V* F, V* R) {
   for (int e = 1; e < 9; e++) scale = scale > Abs(F[e]) ? scale : Abs(F[e]);
   const V floor = kMinTwist * scale;
   auto good = scale > 0.0, close = scale < 0.0;
-  for (int step = 0; step < kNewtonSteps && !All(close || !good); step++) {
+  for (int step = 0; step < kRotationSteps && !All(close || !good); step++) {
     V S[9], adjugate[9];
     MulT3(R, F, S);
     const V trace = S[0] + S[4] + S[8];
@@ -49,7 +49,7 @@ MJFRAMES_INLINE void FollowRotation(const V* F, V* R) {
     V turned[9];
     Mul3(R, turn, turned);
     for (int e = 0; e < 9; e++) R[e] = turned[e];
-    close = 4.0 * square < kConverged * kConverged;
+    close = 4.0 * square < kRotated * kRotated;
   }
   for (int lane = 0; lane < kWidth<V>; lane++) {
     if (good[lane] && close[lane]) continue;

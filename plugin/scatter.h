@@ -10,15 +10,25 @@
 
 namespace mjframes {
 
+// The lanes of a, then those of b, that are named.
+template <int I, int J, int K, int L>
+MJFRAMES_INLINE Lanes Pick(const Lanes& a, const Lanes& b) {
+#ifdef __clang__
+  return __builtin_shufflevector(a, b, I, J, K, L);
+#else
+  using Numbers = long long __attribute__((vector_size(sizeof(Lanes))));
+  return __builtin_shuffle(a, b, Numbers{I, J, K, L});
+#endif
+}
+
 // out[lane][n] = a_n[lane] of four lanes
 MJFRAMES_INLINE void Transpose4(const Lanes& a0, const Lanes& a1, const Lanes& a2, const Lanes& a3, Lanes* out) {
-  using Pick = long long __attribute__((vector_size(sizeof(Lanes))));
-  const Lanes low01 = __builtin_shuffle(a0, a1, Pick{0, 4, 2, 6}), high01 = __builtin_shuffle(a0, a1, Pick{1, 5, 3, 7});
-  const Lanes low23 = __builtin_shuffle(a2, a3, Pick{0, 4, 2, 6}), high23 = __builtin_shuffle(a2, a3, Pick{1, 5, 3, 7});
-  out[0] = __builtin_shuffle(low01, low23, Pick{0, 1, 4, 5});
-  out[1] = __builtin_shuffle(high01, high23, Pick{0, 1, 4, 5});
-  out[2] = __builtin_shuffle(low01, low23, Pick{2, 3, 6, 7});
-  out[3] = __builtin_shuffle(high01, high23, Pick{2, 3, 6, 7});
+  const Lanes low01 = Pick<0, 4, 2, 6>(a0, a1), high01 = Pick<1, 5, 3, 7>(a0, a1);
+  const Lanes low23 = Pick<0, 4, 2, 6>(a2, a3), high23 = Pick<1, 5, 3, 7>(a2, a3);
+  out[0] = Pick<0, 1, 4, 5>(low01, low23);
+  out[1] = Pick<0, 1, 4, 5>(high01, high23);
+  out[2] = Pick<2, 3, 6, 7>(low01, low23);
+  out[3] = Pick<2, 3, 6, 7>(high01, high23);
 }
 
 // Adds each lane's block (entry e in block[e]) to its pair, −1 for none. stiffness: row-major blocks by pair.

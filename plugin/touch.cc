@@ -287,7 +287,12 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
   const int s = side[1].body ? 1 : 0;
   if (side[s].patch < 0) return 0;
   const Held held(geom, side);
-  return UpdatedState(side[s], d)->Recall(d, geom[1 - s], out, scratch->share[s]);
+  const int count = UpdatedState(side[s], d)->Recall(d, geom[1 - s], out, scratch->share[s]);
+  // sensors of distance, too, search, and may name the two in the other order
+  for (int i = 0; i < count; i++) {
+    if (out[i].side >= 0) out[i].side = s;
+  }
+  return count;
 }
 
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {

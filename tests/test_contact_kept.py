@@ -85,3 +85,21 @@ def test_what_was_found_elsewhere_is_not_used(
     moved = rows(model, other)
     np.testing.assert_array_equal(rows(model, data), moved)
     assert not np.array_equal(moved, kept)
+
+
+def test_a_distance_sensor_may_name_the_two_geoms_in_either_order() -> None:
+    corners = " ".join(f"{x} {y} {z}" for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (-0.05, 0.05))
+    scene = f"""<mujoco><asset><mesh name="slab" vertex="{corners}"/></asset>
+      <worldbody><geom name="slab" type="sdf" mesh="slab" pos=".1 0 -.05"/></worldbody></mujoco>"""
+    model, data = compiled(scene, (beam(beta=0.001), (0, 0, 0.002), (1.0, 0, 0, 0)))
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+    mujoco.mj_fwdPosition(model, data)
+    wanted = rows(model, data)
+    assert data.ncon > 4
+    for turned in (False, True):
+        mujoco.mj_fwdPosition(model, data)
+        for first, second in {tuple(contact.geom) for contact in data.contact}:
+            order = (second, first) if turned else (first, second)
+            mujoco.mj_geomDistance(model, data, *order, 0.05, np.zeros(6))
+        np.testing.assert_array_equal(rows(model, data), wanted)
