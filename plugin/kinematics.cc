@@ -150,7 +150,7 @@ bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
     const int other = m->body_plugin[body];
     if (own[body] && other >= 0 && other != instance && m->plugin[other] == m->plugin[instance]) return false;
   }
-  for (int i = 0; i < m->nu; i++) {
+  for (int i = 0; i < m->nactuator; i++) {
     const bool joint = m->actuator_trntype[i] == mjTRN_JOINT || m->actuator_trntype[i] == mjTRN_JOINTINPARENT;
     if (joint && own[m->jnt_bodyid[m->actuator_trnid[2 * i]]]) return false;
   }
