@@ -19,7 +19,7 @@ from mjframes.report.cases import Case, all_cases, bar
 from mjframes.report.contenders import Setting, settings, solved
 from mjframes.report.flex import FlexProcess, FlexSetting, flex_settings
 from mjframes.report.measures import Row, front, race, slopes
-from mjframes.report.reference import Reference, linear_solution, refined
+from mjframes.report.reference import Reference, linear_solution, references, refined
 from mjframes.report.vibration import exact_vibration, vibrations
 
 pytest.importorskip("pyamg")
@@ -191,6 +191,12 @@ def test_a_bar_let_go_swings_with_the_frequency_of_its_modes(cantilever, known):
     }
     assert abs(found["4 free frames"].error) < 0.02
     assert 0.5 < found["4 free frames"].left <= 1
+
+
+def test_references_of_several_processes_are_those_of_one():
+    case = next(case for case in all_cases(quick=False) if case.name == "three")
+    (found,) = references(["three"], lambda stage: None).values()
+    np.testing.assert_array_equal(found.moved, refined(case).moved)
 
 
 def test_the_command_writes_a_page_a_table_and_figures(tmp_path, monkeypatch, capsys):

@@ -18,7 +18,7 @@ from mjframes.report.cases import all_cases, bar
 from mjframes.report.flex import FlexProcess
 from mjframes.report.measures import compare
 from mjframes.report.page import Findings, write_csv, write_page
-from mjframes.report.reference import refined
+from mjframes.report.reference import references, refined
 from mjframes.report.table2 import measure
 from mjframes.report.vibration import exact_vibration, vibrations
 
@@ -44,10 +44,9 @@ def write_report(
         ) from error
     start = time.perf_counter()
     chosen = all_cases(quick)
-    known = {}
-    for case in chosen:
-        progress(f"finite elements: {case.title}")
-        known[case.name] = refined(case)
+    progress("finite elements")
+    names = [case.name for case in chosen]
+    known = {case.name: refined(case) for case in chosen} if quick else references(names, progress)
     swing = bar("release", "cantilever, let go", "weight", across=6)
     bent = refined(swing)
     with FlexProcess(mujoco4) if mujoco4 else nullcontext() as flex:

@@ -6,6 +6,10 @@ of order 1 with the same nodes preconditions all orders.
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +20,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from mjframes.cache import cached
 from mjframes.errors import MjframesError
 from mjframes.report.bricks import Bricks, at_centers, bricks, internal_force, linear_stiffness, nodal_load
-from mjframes.report.cases import Case
+from mjframes.report.cases import Case, all_cases
 from mjframes.voxel_fem import rigid_motions
 
 Array = NDArray[np.float64]
@@ -64,6 +68,22 @@ def refined(case: Case) -> Reference:
         [float(np.linalg.norm(field - fields[-1]) / size) for field in fields],
         [case.quantity(field) for field in fields],
     )
+
+
+def references(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Reference]:
+    """Those of cases of the full report, by name, several at once."""
+    workers = min(len(os.sched_getaffinity(0)), len(names))
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        jobs = {name: pool.submit(_named, name) for name in names}
+        for name in names:
+            progress(f"finite elements: {name}")
+            jobs[name].result()
+    return {name: job.result() for name, job in jobs.items()}
+
+
+def _named(name: str) -> Reference:
+    """Cases hold functions and cannot be sent to another process."""
+    return refined(next(case for case in all_cases(quick=False) if case.name == name))
 
 
 def _solve(case: Case) -> dict[str, Array]:
