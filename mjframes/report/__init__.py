@@ -16,10 +16,10 @@ from mjframes.bench import machine
 from mjframes.errors import MjframesError
 from mjframes.report.cases import all_cases, bar
 from mjframes.report.flex import FlexProcess
-from mjframes.report.measures import compare
+from mjframes.report.measures import Outcome, compare
 from mjframes.report.page import Findings, write_csv, write_page
 from mjframes.report.reference import references, refined
-from mjframes.report.table2 import measure
+from mjframes.report.table2 import Line, measure
 from mjframes.report.vibration import exact_vibration, vibrations
 
 MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that the README shows
@@ -49,23 +49,30 @@ def write_report(
     known = {case.name: refined(case) for case in chosen} if quick else references(names, progress)
     swing = bar("release", "cantilever, let go", "weight", across=6)
     bent = refined(swing)
+    outcomes: list[Outcome] = []
     with FlexProcess(mujoco4) if mujoco4 else nullcontext() as flex:
-        outcomes = [compare(case, known[case.name], flex, quick, progress) for case in chosen]
+        for case in chosen:
+            outcomes.append(compare(case, known[case.name], flex, quick, progress))
+            write_csv(folder / "report.csv", outcomes)  # of so much work none is lost
         progress("free vibration")
         found = vibrations(swing, bent, flex, quick)
         first, _, exact = exact_vibration(swing, bent)
         version = f"MuJoCo {flex.version}" if flex else HOW
-    lines = measure(models, quick, progress)
     progress("drawing")
     main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
     draw_scatter(folder / "main_time.png", main, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_scatter(folder / "main_dofs.png", main, lambda row: row.dofs, "degrees of freedom")
     draw_shapes(folder / "main_shapes.png", main)
     draw_scatter(folder / "error_time.png", outcomes, lambda row: 1e6 * row.step_seconds, "µs a step")
     draw_scatter(folder / "error_dofs.png", outcomes, lambda row: row.dofs, "degrees of freedom")
     draw_convergence(folder / "convergence.png", outcomes)
     draw_shapes(folder / "shapes.png", outcomes)
     draw_vibration(folder / "vibration.png", found, first, exact)
-    write_csv(folder / "report.csv", outcomes)
     command = shlex.join(["mjframes", *sys.argv[1:]])
-    seconds = time.perf_counter() - start
-    write_page(folder / "report.md", Findings(command, machine(), version, outcomes, found, first, lines, seconds))
+
+    def publish(lines: list[Line]) -> None:
+        seconds = time.perf_counter() - start
+        write_page(folder / "report.md", Findings(command, machine(), version, outcomes, found, first, lines, seconds))
+
+    publish([])
+    publish(measure(models, quick, progress))

@@ -15,6 +15,7 @@ import mujoco
 from mjframes.bench import SOFT, STEPS, measure_builds, measure_steps, prepare_runs
 from mjframes.errors import MjframesError
 from mjframes.report.models import volume_of
+from mjframes.video import make_renderer
 
 # model, frames, samples: vertices, voxels, t_ini [s], frames a second
 PAPER = {
@@ -78,8 +79,8 @@ def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], Non
 def _drawn(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """Steps a second when each is drawn."""
     try:
-        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
-    except Exception:  # no way to draw here; MuJoCo raises what its backend raises
+        renderer = make_renderer(model, WIDTH, HEIGHT)
+    except MjframesError:
         return 0.0
     try:
         spent = []
