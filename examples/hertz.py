@@ -1,7 +1,7 @@
 """A soft ball between two plates against Hertz: F = 4/3 E* √R δ^1.5, E* = E / (1 − ν²), δ the approach to one plate.
 
 Frames a distance s apart cannot follow a contact area of radius a = √(R δ) that is smaller: the ball is then too stiff.
-Its force falls to Hertz's as the frames get closer, slowly: at 20 frames and δ = 8 mm it is 1.7 times Hertz's, and from
+Its force falls to Hertz's as the frames get closer, slowly: at 20 frames and δ = 8 mm it is 1.8 times Hertz's, and from
 ten frames on the excess there is proportional to s/a. With fewer frames, and at δ near a voxel, it is larger than that.
 Run `python examples/hertz.py --out out`; it needs matplotlib (`pip install "mjframes[plot]"`).
 """

@@ -196,7 +196,8 @@ def test_a_bar_let_go_swings_with_the_frequency_of_its_modes(cantilever, known):
 def test_references_of_several_processes_are_those_of_one():
     case = next(case for case in all_cases(quick=False) if case.name == "three")
     (found,) = references(["three"], lambda stage: None).values()
-    np.testing.assert_array_equal(found.moved, refined(case).moved)
+    exact = refined(case).moved
+    np.testing.assert_allclose(found.moved, exact, rtol=0, atol=1e-10 * np.abs(exact).max())  # multigrid is random
 
 
 def test_the_command_writes_a_page_a_table_and_figures(tmp_path, monkeypatch, capsys):
