@@ -12,7 +12,7 @@ import numpy as np
 from mjframes.files import replacing
 from mjframes.report.measures import Outcome, Race, Row, race, slopes
 from mjframes.report.table2 import PAPER, Line
-from mjframes.report.vibration import PERIODS, TIMESTEP, Vibration
+from mjframes.report.vibration import LOST, PERIODS, TIMESTEP, Vibration
 
 FASTER, FASTER_AT_5 = 10.0, 2.0  # times faster than flex: heterogeneous cases; the homogeneous cantilever at 5 %
 # case, of which error, bound: what four free affine frames, besides the fixed one, are held to with relaxation
@@ -216,9 +216,11 @@ def _vibration(findings: Findings) -> Iterable[str]:
             (
                 f"{one.family}, {one.name}",
                 str(one.dofs),
-                f"{one.frequency:.3f}",
-                f"{100 * one.error:+.1f} %",
-                f"{100 * one.left:.0f} %",
+                *(
+                    (f"{one.frequency:.3f}", f"{100 * one.error:+.1f} %", f"{100 * one.left:.0f} %")
+                    if one.left < LOST
+                    else ("lost", "", "")
+                ),
                 f"{100 * one.distance:.0f} %",
             )
             for one in findings.vibrations

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mjframes.files import replacing
 from mjframes.report.measures import Outcome, Row, front, slopes
-from mjframes.report.vibration import PERIODS, Vibration
+from mjframes.report.vibration import LOST, PERIODS, Vibration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 RESOLUTION = 110  # [dots per inch]
 COLUMNS = 4  # of small figures
+SWING = 1.5  # [-] of the first deflection that is shown
 DRAWN = 0.15  # [-] of its length that a body's largest displacement is drawn
 STYLES = {  # beginning of a family: colour, marker, filled
     "affine": ("tab:blue", "o"),
@@ -73,27 +74,29 @@ def _legend(row: Row) -> str:
 
 
 def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Error against degrees of freedom with the fitted order, families of frames, and of flex, one figure a case."""
+    """Error against degrees of freedom, families of frames, and of flex, one figure a case; the page has the orders."""
     from matplotlib.figure import Figure
 
     figure, panels = _panels(Figure, len(outcomes))
+    seen: dict[str, object] = {}
     for axes, outcome in zip(panels, outcomes, strict=False):
         for slope in slopes(outcome.case.name, outcome.rows):
             rows = [row for row in outcome.rows if row.family == slope.family]
             color, marker = style(slope.family)
-            axes.plot(
+            (line,) = axes.plot(
                 [row.dofs for row in rows], [100 * row.error for row in rows], marker=marker, markersize=3.5,
                 color=color, linewidth=1, linestyle=LINES.get(_kernel(slope.family), "-"),
                 alpha=1.0 if "relaxed" in slope.family or slope.family.startswith("flex") else 0.35,
-                label=f"{slope.family}: {slope.order:.1f}{' stalls' if slope.stalled else ''}",
             )  # fmt: skip
+            seen.setdefault(slope.family, line)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.legend(fontsize=4.5, loc="lower left", framealpha=0.7)
+        axes.set_ylim(None, 200)
         _title(axes, outcome.case.title)
     for axes in panels:
         axes.set_xlabel("degrees of freedom", fontsize="small")
     figure.supylabel("relative L2 error of the displacements [%]", fontsize="medium")
+    figure.legend(list(seen.values()), list(seen), loc="outside lower center", ncols=4, fontsize="x-small")
     _save(path, figure)
 
 
@@ -161,17 +164,19 @@ def draw_vibration(path: Path, found: Sequence[Vibration], first: float, exact: 
     """The quantity of interest after release, over the periods of the first mode [Hz]."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 4), layout="constrained")
+    figure = Figure(figsize=(12, 5.5), layout="constrained")
     for axes, kind in zip(figure.subplots(1, 2, sharey=True), ("mjframes", "flex"), strict=True):
         start = exact[0]
         axes.plot(np.linspace(0, PERIODS, len(exact)), exact / start, color="0.4", linewidth=2, label="finite elements")
         for one in found:
             if one.kind == kind:
                 history = np.array(one.history)
-                label = f"{one.family}, {one.name}: {100 * one.error:+.1f} %"
+                error = f"{100 * one.error:+.1f} %" if one.left < LOST else "lost"
+                label = f"{one.family}, {one.name}: {error}"
                 axes.plot(np.linspace(0, PERIODS, len(history)), history / start, linewidth=0.8, label=label)
         axes.set_xlabel(f"periods of {first:.2f} Hz")
-        axes.legend(fontsize=6, loc="lower right")
+        axes.set_ylim(-SWING, SWING)
+        axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, frameon=False)
         _title(axes, f"{kind}: tip after release; relative error of the frequency")
     _save(path, figure)
 

@@ -26,6 +26,7 @@ from mjframes.report.reference import Reference, linear_solution, preconditioner
 Array = NDArray[np.float64]
 
 MODES = 6
+LOST = 2.0  # [-] of the first deflection: a free vibration that is larger at the end has no frequency
 PERIODS = 6  # of the first mode, that are stepped
 TIMESTEP = TIMED_STEP / 4  # [s] about 600 steps a period: frequencies are then the model's, not the integrator's
 
