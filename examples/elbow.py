@@ -89,7 +89,7 @@ def elbow(young: float = 2e4, law: str = "corotational") -> Elbow:
     materials = {FLESH: mf.Material(young, POISSON, DENSITY), UPPER: bone, LOWER: bone}
     volume = mf.Volume.from_labels(labels, VOXEL, materials, origin=(-LENGTH / 2, -RADIUS, -RADIUS))
     bones = [mf.Attached("upper", labels == UPPER), mf.Attached("lower", labels == LOWER)]
-    sleeve = mf.build(volume, at=FRAMES, samples=30, law=law, attached=bones)
+    sleeve = mf.build(volume, at=FRAMES, law=law, attached=bones)
     spec = mujoco.MjSpec.from_string(LINKS)
     sky, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], rgb2=[1, 1, 1], width=8, height=48)

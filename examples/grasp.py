@@ -105,7 +105,7 @@ def soft_block(gripper: str | None = None) -> Grasp:
     labels = np.ones((count, count, count), int)
     labels[4:-4, 4:-4, 4:-4] = 2
     volume = mf.Volume.from_labels(labels, VOXEL, {1: FLESH, 2: CORE}, origin=(-BLOCK / 2,) * 3)
-    block = mf.build(volume, frames=4, samples=16, damping=(0.0, 0.005))
+    block = mf.build(volume, frames=4, damping=(0.0, 0.005))
     mf.attach(spec.worldbody, block, "block", (0, 0, PEDESTAL + BLOCK / 2))
     y, z = np.meshgrid((-0.005, 0.0, 0.005), (-0.008, 0.0, 0.008))
     points = [np.stack([np.full(9, x), y.ravel(), z.ravel()], axis=1) for x in (BLOCK / 2, -BLOCK / 2)]
@@ -125,7 +125,7 @@ def soft_pads(gripper: str | None = None) -> Grasp:
     back[:, -round(BACKING / 0.002) :] = True
     origin = (-PAD[0] / 2, FACE - PAD[1], 0.0)
     volume = mf.Volume.from_labels(labels, (0.0025, 0.002, 0.003), {1: RUBBER}, origin=origin)
-    pad = mf.build(volume, frames=4, samples=16, damping=(0.0, 0.002), fixed=[mf.Fixed(back)])
+    pad = mf.build(volume, frames=4, damping=(0.0, 0.002), fixed=[mf.Fixed(back)])
     contact = mf.Contact(friction=(0.7,), solref=(0.004, 1.0), solimp=(0.95, 0.99, 0.001), priority=2)
     for side in SIDES:
         mf.attach(spec.body(side), pad, f"{side}_rubber", contact=contact)

@@ -55,7 +55,7 @@ def forces(frames: int) -> Array:
     ball = (x**2 + y**2 + z**2 < RADIUS**2).astype(np.uint8)
     rubber = mf.Material(YOUNG, POISSON, 1000)
     volume = mf.Volume.from_labels(ball, 2 * RADIUS / ACROSS, {1: rubber}, origin=(-RADIUS,) * 3)
-    body = mf.build(volume, frames, 4 * frames + 40, damping=(0.0, 0.1))
+    body = mf.build(volume, frames, damping=(0.0, 0.1))
     spec = mujoco.MjSpec.from_string(SCENE)
     contact = mf.Contact(condim=1, solref=(0.01, 1), solimp=(0.99, 0.99), priority=1)
     mf.attach(spec.worldbody, body, "ball", contact=contact)

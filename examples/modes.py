@@ -82,7 +82,7 @@ def bar(law: str = "corotational") -> Bar:
     shape = np.round([LENGTH / VOXEL, WIDTH / VOXEL, WIDTH / VOXEL]).astype(int)
     volume = mf.Volume.from_labels(np.ones(shape, int), VOXEL, {1: mf.Material(YOUNG, POISSON, 1000)})
     ends = [(x, WIDTH / 2, WIDTH / 2) for x in (VOXEL / 2, LENGTH - VOXEL / 2)]
-    body = mf.build(volume, at=ends, samples=1, weights="linear", law=law)
+    body = mf.build(volume, at=ends, weights="linear", law=law)
     spec = mujoco.MjSpec()
     spec.option.gravity = [0, 0, 0]
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]

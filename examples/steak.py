@@ -16,10 +16,10 @@ from mjframes.run import Recording, record, summary
 MODELS = Path(__file__).parent.parent / "models"
 
 
-def steak_scene(frames: int = 3, samples: int = 10) -> mujoco.MjSpec:
+def steak_scene(frames: int = 3) -> mujoco.MjSpec:
     """The kitchen with a steak above the block."""
     volume = mf.Volume.from_labels(MODELS / "steak.npz")
-    body = mf.build(volume, frames=frames, samples=samples, damping=(0.0, 0.01))
+    body = mf.build(volume, frames=frames, damping=(0.0, 0.01))
     spec = mujoco.MjSpec.from_file(str(MODELS / "kitchen.xml"))
     mf.attach(spec.worldbody, body, name="steak", pos=(0.0, 0.0, 0.15), quat=(0.996, 0.03, -0.07, 0.0))
     return spec

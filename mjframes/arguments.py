@@ -32,9 +32,17 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order",
     )
     command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
-    command.add_argument("--frames", type=_count, default=3, metavar="N", help="number of frames (default %(default)s)")
+    wanted = command.add_mutually_exclusive_group()
+    wanted.add_argument("--frames", type=_count, metavar="N", help="number of frames (default 3)")
+    wanted.add_argument(
+        "--error", type=_share, metavar="E", help="as many frames as it takes for this error, 0.05 for 5 %%"
+    )
     command.add_argument(
-        "--samples", type=_count, default=10, metavar="N", help="number of integration samples (default %(default)s)"
+        "--method", choices=("whole_body", "paper"), default="whole_body",
+        help="stiffness of the whole body, or of the paper's integration samples (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--samples", type=_count, metavar="N", help="number of the paper's integration samples (default 10)"
     )
     command.add_argument(
         "--material",
@@ -66,7 +74,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         default="corotational", help="of elasticity (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
-        "--mass", choices=("lumped", "consistent"), default="lumped", help="mass matrix (default %(default)s)"
+        "--mass", choices=("lumped", "consistent"), default="consistent", help="mass matrix (default %(default)s)"
     )
     command.add_argument(
         "--mode", choices=("implicit", "explicit"), default="implicit",
@@ -85,7 +93,6 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument(
         "--subdivisions", type=_count, default=1, metavar="N", help="of the Voronoi kernels (default %(default)s)"
     )
-    command.add_argument("--no-relax", dest="relax", action="store_false", help="no relaxation within the regions")
     command.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
@@ -191,6 +198,16 @@ def _factor(text: str) -> float:
         value = math.nan
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number between 0 and 1")
     return value
 
 

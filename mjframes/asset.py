@@ -21,6 +21,7 @@ from mjframes.lattice import Lattice
 from mjframes.material import Material
 from mjframes.quadrature import Quadrature
 from mjframes.stiffness import Stiffness
+from mjframes.whole_body.error import BodyError
 
 KIND = "mjframes soft body"
 LATTICE = ("spacing", "origin", "shape", "node", "distance", "patch", "spheres")  # and its weights
@@ -51,7 +52,6 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "region_gradient": np.concatenate(stiffness.gradient),
         "region_matrix": np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix]),
         "region_volume": stiffness.volume,
-        "fit_error": body.fit_error,
         "skin_vertices": body.skin.vertices,
         "skin_faces": body.skin.faces,
         "skin_label": body.skin.label,
@@ -72,6 +72,9 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         ("lattice", body.lattice.weights),
     ):
         arrays |= {f"{name}_weight": weights.data, f"{name}_index": weights.indices, f"{name}_row": weights.indptr}
+    if body.error is not None:
+        weight = np.nan if body.error.weight is None else body.error.weight
+        arrays["body_error"] = np.array([weight, body.error.pushes])
     arrays |= pack_fields(body.fields)
     with replacing(path, "the soft body") as partial, open(partial, "wb") as file:
         np.savez_compressed(file, **arrays)
@@ -115,7 +118,6 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
             matrix=triangles(arrays["region_matrix"], 3 * size),
             volume=arrays["region_volume"],
         ),
-        fit_error=arrays["fit_error"],
         mass_difference=triangles(arrays["mass_difference"], size),
         mode=str(arrays["mode"]),
         law=str(arrays["law"]),
@@ -137,8 +139,16 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
         materials=materials,
         damping=(float(arrays["damping"][0]), float(arrays["damping"][1])),
         voxels=int(arrays["voxels"]),
-        fields=unpack_fields(arrays, materials),
+        error=_restored_error(arrays),
+        fields=unpack_fields(arrays, materials, points, size),
     )
+
+
+def _restored_error(arrays: dict[str, np.ndarray]) -> BodyError | None:
+    if "body_error" not in arrays:
+        return None
+    weight, pushes = arrays["body_error"].tolist()
+    return BodyError(None if np.isnan(weight) else weight, pushes)
 
 
 def _packed_quadrature(quadrature: Quadrature) -> dict[str, np.ndarray]:

@@ -1,6 +1,8 @@
 """From a volume of materials to a soft body: the stages of the paper's Algorithm 1, initialization, in order.
 
-volume → grid → frame placement → weights → regions → elimination tree → control points → stiffness → surfaces
+volume → grid → frame placement → weights → elimination tree → control points → stiffness → masses → surfaces
+
+The stiffness is that of the whole body (`whole_body`), or the paper's: sums over regions, its integration samples.
 """
 
 from __future__ import annotations
@@ -13,29 +15,34 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from mjframes.cache import cached
-from mjframes.control import ControlPoints, control_points, control_weights, frame_types
+from mjframes.control import ControlPoints
 from mjframes.errors import MjframesError
-from mjframes.fields import Fields
-from mjframes.grid import voxel_grid
+from mjframes.fields import COMPLIANCE, EVEN, Fields
+from mjframes.frames import Frames, place
+from mjframes.grid import evened, voxel_grid
 from mjframes.lattice import Lattice, rest_lattice
 from mjframes.laws import LAWS
 from mjframes.mass import mass_difference
 from mjframes.material import Material
 from mjframes.null_modes import hold_null_modes
 from mjframes.patches import group_patches
-from mjframes.placement import place_frames
 from mjframes.quadrature import Quadrature, parameters, quadrature, require_turning
-from mjframes.regions import split_regions
+from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness, region_stiffness
 from mjframes.supports import Attached, Fixed, held_cores
-from mjframes.surfaces import Surface, contact_points, extract_surface, surface_weights
-from mjframes.tree import depth_first, frame_tree
+from mjframes.surfaces import Surface, contact_points, extract_surface
 from mjframes.volume import Volume, require_connected
-from mjframes.weights import Kind, frame_weights
+from mjframes.weights import Kind
+from mjframes.whole_body.build import WholeBody, finite_elements, whole_body
+from mjframes.whole_body.count import fewest_frames
+from mjframes.whole_body.error import BodyError
 
+WHOLE_BODY, PAPER = "whole_body", "paper"
+METHODS = {WHOLE_BODY: EVEN, PAPER: COMPLIANCE}  # and the metric that goes with each
 COROTATIONAL = "corotational"
 MASSES = ("lumped", "consistent")
 MODES = ("implicit", "explicit")
+SAMPLES = 10  # of the paper's method, unless given
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
 
 
@@ -74,12 +81,11 @@ class SoftBody:
 
     parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.  types:
     (f,) of the frames.  links: names of the bodies that hold the first so many frames, "" for the one that the soft
-    body is attached to.  control: its points.  stiffness: of its regions.  fit_error: (r,) of the weights in each
-    region [-].  law: of its elasticity; law_constants: (t, 3) of each material, and quadrature: the points where it
+    body is attached to.  control: its points.  stiffness: of its regions.  law: of its elasticity; law_constants: (t, 3) of each material, and quadrature: the points where it
     is evaluated, for a law other than "corotational".  mass_difference: consistent minus lumped mass matrix of each
     region (m, m) [kg], none for lumped mass.  mode: "implicit" or "explicit".  skin, contact: its surfaces.
     lattice: its rest shape, for contact.  materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how
-    many.  fields: what is known at each voxel.
+    many.  error: against finite elements, None for the paper's method.  fields: what is known at each voxel.
     """
 
     parent: np.ndarray
@@ -87,7 +93,6 @@ class SoftBody:
     links: tuple[str, ...]
     control: ControlPoints
     stiffness: Stiffness
-    fit_error: np.ndarray
     law: str
     law_constants: np.ndarray
     quadrature: Quadrature | None
@@ -99,7 +104,13 @@ class SoftBody:
     materials: dict[int, Material]
     damping: tuple[float, float]
     voxels: int
+    error: BodyError | None
     fields: Fields
+
+    @property
+    def shapes(self) -> ShapeFunctions:
+        """The control weights anywhere in the material."""
+        return ShapeFunctions(self.fields.weights, self.control, self.fields.correction)
 
     @property
     def held(self) -> int:
@@ -123,16 +134,18 @@ class SoftBody:
 def build(
     volume: Volume,
     frames: int | None = None,
-    samples: int = 10,
+    samples: int | None = None,
     *,
+    error: float | None = None,
     at: ArrayLike | None = None,
+    method: str = WHOLE_BODY,
     frame_type: str | Sequence[str] = "affine",
+    metric: str | None = None,
     weights: Kind = "voronoi",
     subdivisions: int = 1,
     law: str = COROTATIONAL,
     law_constants: Mapping[int, Mapping[str, float]] | None = None,
-    relax: bool = True,
-    mass: str = "lumped",
+    mass: str = "consistent",
     mode: str = "implicit",
     damping: tuple[float, float] = (0.0, 0.0),
     contact_radius: float | None = None,
@@ -143,18 +156,25 @@ def build(
 ) -> SoftBody:
     """Build a soft body from a volume.
 
-    frames: how many, or at: (f, 3) where, in volume coordinates [m].  samples: how many regions at most (the
-    paper's integration samples).  frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or
-    "point" (3, translations only, for small rotations), for all frames or a sequence with one for each.  weights:
-    "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.  law: "corotational", or one that is
-    evaluated at quadrature points: "green_lagrange", "neo_hookean", "mooney_rivlin" or "arruda_boyce", with their
-    constants by label where those of Young's modulus and Poisson's ratio will not do.  relax: let the material of
-    each region relax within it (the corotational law only).  mass: "lumped" or "consistent".  mode: "implicit",
-    stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the stiffest
-    vibration.  damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel
-    unless given.  fixed, attached: pieces that do not move in the body that the soft body is attached to, or that
-    move with a named one; each is a frame of its own, beside those asked for.  progress: called with the name of
-    each stage.
+    frames: how many; or error: as many as it takes for `BodyError.largest` to be that small [-]; or at: (f, 3) where,
+    in volume coordinates [m].
+    method: "whole_body" gives the frames the stiffness that finite elements on all voxels show them, one region a
+    frame; "paper" sums it over at most `samples` regions, the paper's integration samples.
+    frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or "point" (3, translations only, for
+    small rotations), for all frames or a sequence with one for each.
+    metric: frames are spread by distance inside the body, "even", or by the paper's "compliance" distance; that of the
+    method unless given.
+    weights: "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
+    law: "corotational", or one that is evaluated at quadrature points: "green_lagrange", "neo_hookean",
+    "mooney_rivlin" or "arruda_boyce", with their constants by label where those of Young's modulus and Poisson's ratio
+    will not do.
+    mass: "consistent" or "lumped".
+    mode: "implicit", stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the
+    stiffest vibration.
+    damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
+    fixed, attached: pieces that do not move in the body that the soft body is attached to, or that move with a named
+    one; each is a frame of its own, beside those asked for.
+    progress: called with the name of each stage.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
     try:
@@ -163,12 +183,29 @@ def build(
         alpha = beta = np.nan
     if not (np.isfinite([alpha, beta]).all() and min(alpha, beta) >= 0):
         raise MjframesError(f"damping is {damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
-    if mass not in MASSES:
-        raise MjframesError(f"mass is {mass!r}; it must be one of {', '.join(map(repr, MASSES))}.")
-    if law not in (COROTATIONAL, *LAWS):
-        raise MjframesError(f"law is {law!r}; it must be one of {', '.join(map(repr, (COROTATIONAL, *LAWS)))}.")
-    if mode not in MODES:
-        raise MjframesError(f"mode is {mode!r}; it must be one of {', '.join(map(repr, MODES))}.")
+    for name, value, choices in (
+        ("method", method, tuple(METHODS)),
+        ("metric", metric, (None, EVEN, COMPLIANCE)),
+        ("mass", mass, MASSES),
+        ("law", law, (COROTATIONAL, *LAWS)),
+        ("mode", mode, MODES),
+    ):
+        if value not in choices:
+            raise MjframesError(f"{name} is {value!r}; it must be one of {', '.join(map(repr, choices))}.")
+    if error is not None and not (isinstance(error, (int, float)) and 0 < error < 1):
+        raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
+    if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
+        raise MjframesError("more than one of frames, at and error is given; give one of them.")
+    metric = metric or METHODS[method]
+    if method == PAPER or law != COROTATIONAL:
+        samples = SAMPLES if samples is None else samples
+        if error is not None:
+            raise MjframesError(f"error is {error!r}, but only the corotational whole body knows its error; give frames.")
+    elif samples is not None:
+        raise MjframesError(
+            f"samples is {samples!r}, but the whole body's stiffness has one region a frame; leave it out, or choose "
+            f"method={PAPER!r}."
+        )
     if contact_radius is not None and not 0 < contact_radius <= RADIUS_LIMIT * np.min(volume.spacing):
         raise MjframesError(
             f"contact_radius is {contact_radius!r}; it must be positive and at most {RADIUS_LIMIT:g} voxels, "
@@ -177,50 +214,60 @@ def build(
     require_connected(volume)
     progress("listing the voxels")
     grid = voxel_grid(volume)
-    progress("placing the frames")
+    shaped = evened(grid) if metric == EVEN else grid
     cores, links = held_cores(grid, fixed, attached)
-    placement = place_frames(grid, frames, at, seed, cores)
-    types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
-    if len(types) == 1 and types[0] in ("point", "rigid"):
-        raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
-    progress("computing the weights")
-    shape_functions = frame_weights(grid, placement, weights, subdivisions)
-    progress("splitting the regions")
-    regions = split_regions(grid, shape_functions, samples)
-    tree = frame_tree(regions, len(placement.seeds), len(cores))
-    types = [types[i] for i in tree.order]
-    seeds = tuple(placement.seeds[i] for i in tree.order)
-    shape_functions, regions, tree = depth_first(shape_functions, regions, tree)
-    progress("summing the stiffness")
-    control = control_points(grid, shape_functions, types)
-    stiffness = region_stiffness(grid, shape_functions, control, regions, tree, relax and law == COROTATIONAL)
+
+    def placed(count: int | None) -> Frames:
+        progress("placing the frames")
+        return place(grid, shaped, cores, count, at, seed, frame_type, weights, subdivisions, samples)
+
+    made = None
+    if samples is None:
+        progress("solving the finite elements")
+        finite = finite_elements(grid, cores)
+
+        def condensed(some: Frames) -> WholeBody:
+            return whole_body(grid, finite, some.shapes, some.types, links, progress)
+
+        if error is not None:
+            placement, made = fewest_frames(error, grid, finite, len(grid.index), placed, condensed)
+        else:
+            placement = placed(frames)
+            made = condensed(placement)
+        stiffness, region, shapes = made.stiffness, made.region, made.shapes
+    else:
+        placement = placed(frames)
+        shapes, regions = placement.shapes, placement.regions
+        progress("summing the stiffness")
+        assert regions is not None
+        stiffness, region = region_stiffness(grid, shapes, regions, placement.tree), regions.label
     if not cores:  # a null mode moves all frames of its chain, so a fixed one holds it
-        stiffness = hold_null_modes(stiffness, control, [i for i, name in enumerate(types) if name == "rigid"])
+        rigid = [i for i, name in enumerate(placement.types) if name == "rigid"]
+        stiffness = hold_null_modes(stiffness, shapes.control, rigid)
     constants, points = np.zeros((0, 3)), None
-    if law != COROTATIONAL:
+    if placement.regions and law != COROTATIONAL:
         progress("placing the quadrature points")
         constants = np.array([p.constants for p in parameters(law, grid, law_constants or {})])
-        points = require_turning(quadrature(grid, shape_functions, control, regions, tree), control, law)
-    consistent = mass == "consistent"
-    difference = mass_difference(grid, shape_functions, control, regions, stiffness) if consistent else ()
+        points = quadrature(grid, shapes, placement.regions, placement.tree)
+        points = require_turning(points, shapes.control, law)
+    difference: tuple[np.ndarray, ...] = ()
+    if mass == "consistent":
+        difference = mass_difference(grid, shaped, shapes, region, stiffness)
     progress("attaching the surfaces")
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
     spheres = contact_points(surface, volume, contact_radius)
-    sphere_weights = control_weights(
-        surface_weights(grid, shape_functions, spheres.positions), control, spheres.positions
-    )
-    patches = group_patches(spheres.positions, spheres.normals, sphere_weights, control)
+    sphere_weights = shapes.at(grid, spheres.positions)
+    patches = group_patches(spheres.positions, spheres.normals, sphere_weights, shapes.control)
     spheres = spheres.sorted(patches.order)
     sphere_weights = sparse.csr_array(sphere_weights[patches.order])
-    lattice = rest_lattice(grid, shape_functions, control, surface, spheres, patches.patch, sphere_weights)
+    lattice = rest_lattice(grid, shapes, surface, spheres, patches.patch, sphere_weights)
     return SoftBody(
-        parent=tree.parent,
-        types=tuple(types),
+        parent=placement.tree.parent,
+        types=placement.types,
         links=links,
-        control=control,
+        control=shapes.control,
         stiffness=stiffness,
-        fit_error=regions.fit_error,
         law=law,
         law_constants=constants,
         quadrature=points,
@@ -230,7 +277,7 @@ def build(
             surface.vertices,
             surface.faces,
             surface.label,
-            control_weights(surface_weights(grid, shape_functions, surface.vertices), control, surface.vertices),
+            shapes.at(grid, surface.vertices),
         ),
         contact=ContactSpheres(
             spheres.positions,
@@ -243,5 +290,15 @@ def build(
         materials=dict(volume.materials),
         damping=(alpha, beta),
         voxels=len(grid.index),
-        fields=Fields(volume, shape_functions, regions.label, seeds),
+        error=made.error if made else None,
+        fields=Fields(
+            volume=volume,
+            weights=shapes.weights,
+            correction=shapes.correction,
+            lifting=made.lifting if made else None,
+            error=made.where if made else None,
+            region=region,
+            seeds=placement.seeds,
+            metric=metric,
+        ),
     )

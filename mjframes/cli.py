@@ -69,13 +69,14 @@ def build(arguments: argparse.Namespace) -> int:
             volume = largest_piece(volume)
         body = build_body(
             volume,
-            frames=arguments.frames,
+            frames=arguments.frames or (None if arguments.error else 3),
+            error=arguments.error,
             samples=arguments.samples,
             seed=arguments.seed,
             frame_type=arguments.frame_type,
             weights=arguments.weights,
             subdivisions=arguments.subdivisions,
-            relax=arguments.relax,
+            method=arguments.method,
             law=arguments.law,
             mass=arguments.mass,
             mode=arguments.mode,
@@ -93,9 +94,11 @@ def build(arguments: argparse.Namespace) -> int:
         else:
             partial.write_text(spec.to_xml(), encoding="utf-8")
     print(
-        f"{output}: {len(body.parent)} frames, {len(body.fit_error)} samples, {body.voxels} voxels, "
+        f"{output}: {len(body.parent)} frames, {len(body.stiffness.points)} regions, {body.voxels} voxels, "
         f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
     )
+    if body.error:
+        print(f"error: {body.error}")
     return 0
 
 

@@ -12,6 +12,7 @@ from mjframes.body import SoftBody
 from mjframes.carriers import Carrier
 from mjframes.constants import FORMAT_VERSION
 from mjframes.identity import asset_key
+from mjframes.mass import uncoupled
 from mjframes.quadrature import Quadrature
 from mjframes.stiffness import shows_rotations
 
@@ -97,7 +98,8 @@ def configuration(
         values["point_branch"] = encode(branch)
         values["region_enlargement"] = encode(np.array([enlargement(branch[p]) for p in stiffness.points]))
     if body.mass_difference:
-        values["region_mass"] = encode(np.concatenate([lower_triangle(matrix) for matrix in body.mass_difference]))
+        parts = zip(body.mass_difference, stiffness.points, strict=True)
+        values["region_mass"] = encode(np.concatenate([lower_triangle(uncoupled(D, branch[p])) for D, p in parts]))
     return values | (_contact(body, patches) if patches else {})
 
 

@@ -108,7 +108,7 @@ def _step() -> str:
     labels = np.ones((6, 3, 3), dtype=np.int32)
     volume = mf.Volume.from_labels(labels, spacing=0.01, materials={1: rubber})
     spec = mujoco.MjSpec()
-    mf.attach(spec.worldbody, mf.build(volume, frames=2, samples=2), name="block")
+    mf.attach(spec.worldbody, mf.build(volume, frames=2), name="block")
     model = spec.compile()
     data = mujoco.MjData(model)
     for _ in range(STEPS):

@@ -132,6 +132,12 @@ def voxel_grid(volume: Volume) -> Grid:
     )
 
 
+def evened(grid: Grid) -> Grid:
+    """Return the same voxels as if all that is not rigid were one material: compliance distance is then geodesic."""
+    alike = replace(grid.table[0], young=1.0, is_rigid=False)
+    return replace(grid, table=tuple(material if material.is_rigid else alike for material in grid.table))
+
+
 def nearest_voxels(grid: Grid, points: ArrayLike, within: int) -> NDArray[np.int64]:
     """The voxel (s,) whose centre is nearest to each point, counted in voxels along the axes; −1 where none is so near.
 

@@ -1,8 +1,9 @@
 """Pictures of a soft body: what the paper shows in Figures 1, 6 and 7, and how good its regions are.
 
-stiffness: Young's modulus E.  distance: compliance distance (5) to the nearest frame, in that frame's Voronoi cell.
-weight_i: each frame's shape function w_i.  frames: where frames and integration samples are.  regions: §5.3.
-spectrum: fit error of the regions, eigenvalues of their K_e, natural frequencies √eig(M⁻¹K)/2π of all together.
+stiffness: Young's modulus E.  distance: to the nearest frame, in that frame's Voronoi cell.
+weight_i: each frame's shape function w_i.  frames: where frames and regions are.  regions: §5.3.
+error: where displacements miss those of the finite elements, as far as that is known.
+spectrum: error of the regions, eigenvalues of their K_e, natural frequencies √eig(M⁻¹K)/2π of all together.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from numpy.typing import NDArray
 from mjframes.body import SoftBody
 from mjframes.distance import compliance_distance, voxel_graph
 from mjframes.errors import MjframesError
+from mjframes.fields import EVEN
 from mjframes.files import replacing
-from mjframes.grid import Grid, voxel_grid
+from mjframes.grid import Grid, evened, voxel_grid
 from mjframes.pictures.keys import NO_COLOR, NOTHING, categorical, color_bar, graded, name_list
 from mjframes.pictures.page import HEIGHT, RESOLUTION, RIGID_GLASS, VIEW, WIDTH, Marks, Picture, draw_page
 from mjframes.pictures.spectrum import draw_spectrum
@@ -33,7 +35,7 @@ BANDS = 10  # [-] between contours
 FRAME, SAMPLE = 13.0, 5.5  # [points] size of the dots
 CROWD = 40  # [-] more frames get smaller dots
 FRAME_COLOR, RIGID_COLOR = (0.12, 0.12, 0.12, 1.0), (0.93, 0.90, 0.80, 1.0)
-MM_PER_KPA = 1e6  # [(mm/kPa) / (m/Pa)]
+MM, MM_PER_KPA = 1e3, 1e6  # [mm / m], [(mm/kPa) / (m/Pa)]
 
 
 def draw_pictures(
@@ -86,14 +88,17 @@ def field_pictures(body: SoftBody, grid: Grid) -> Iterator[Picture]:
         yield _weight(body, grid, i)
     yield _frames(body, grid)
     yield _regions(body, grid)
+    if body.fields.error is not None:
+        yield _error(body, body.fields.error, grid)
 
 
 def _caption(body: SoftBody, grid: Grid, name: str) -> str:
     spacing = " × ".join(sorted({f"{1e3 * step:.3g}" for step in grid.spacing}, key=float))
-    counts = [(len(body.parent), "frame"), (len(body.fit_error), "sample")]
+    counts = [(len(body.parent), "frame"), (len(body.stiffness.points), "region")]
     parts = [f"{len(grid.index):,} voxels of {spacing} mm"]
     parts += [f"{number} {what}" + ("" if number == 1 else "s") for number, what in counts]
-    return f"{name}:  {',  '.join(parts)},  {body.control.mass.sum():.3g} kg"
+    parts.append(f"{body.control.mass.sum():.3g} kg")
+    return f"{name}:  {',  '.join(parts)}" + (f"\n{body.error}" if body.error else "")
 
 
 def _middle(grid: Grid) -> NDArray[np.int64]:
@@ -145,15 +150,17 @@ def _distance(body: SoftBody, grid: Grid) -> Picture:
 
     seeds = body.fields.seeds
     owner = np.repeat(np.arange(len(seeds)), [len(s) for s in seeds])
-    nearest = compliance_distance(voxel_graph(grid), np.concatenate(seeds), label=owner)
-    distance = MM_PER_KPA * nearest.distance
+    even = body.fields.metric == EVEN
+    nearest = compliance_distance(voxel_graph(evened(grid) if even else grid), np.concatenate(seeds), label=owner)
+    distance = (MM if even else MM_PER_KPA) * nearest.distance
     far = float(distance.max()) or 1.0
     norm = Normalize(0, far)
+    kind = "Distance inside the body" if even else "Compliance distance"
     return Picture(
         "distance",
-        "Compliance distance to the nearest frame, and the frames' Voronoi cells",
+        f"{kind} to the nearest frame, and the frames' Voronoi cells",
         graded(distance, norm, "plasma"),
-        color_bar(norm, "plasma", "∫ ds / E  [mm/kPa]"),
+        color_bar(norm, "plasma", "∫ ds  [mm]" if even else "∫ ds / E  [mm/kPa]"),
         _middle(grid),
         lines=nearest.label,
         contours=(distance, np.linspace(0, far, BANDS + 1)[1:-1]),
@@ -183,21 +190,35 @@ def _weight(body: SoftBody, grid: Grid, i: int) -> Picture:
 
 
 def _frames(body: SoftBody, grid: Grid) -> Picture:
-    regions = categorical(len(body.fit_error))
-    samples = Marks(body.fields.sample_centers(grid), regions, SAMPLE, None)
+    regions = categorical(len(body.stiffness.points))
+    samples = Marks(body.fields.sample_centers(grid), regions[np.unique(body.fields.region)], SAMPLE, None)
     legend = [
         (f"frames: {len(body.parent)}", FRAME_COLOR),
-        (f"samples: {len(regions)}, colours of the regions", regions[0]),
+        (f"regions: {len(regions)}, each with a colour", regions[0]),
     ]
     if (grid.piece >= 0).any():
         legend.append(("rigid", (*RIGID_GLASS, 1.0)))
     marks = (samples, _frame_marks(body, grid))
-    return Picture("frames", "Frames and integration samples", None, name_list(legend), _middle(grid), marks=marks)
+    return Picture("frames", "Frames, and the centres of the regions", None, name_list(legend), _middle(grid), marks=marks)
+
+
+def _error(body: SoftBody, error: NDArray[np.float64], grid: Grid) -> Picture:
+    from matplotlib.colors import Normalize
+
+    norm = Normalize(0, float(error.max()) or 1.0)
+    return Picture(
+        "error",
+        "Error of displacements: rms over own weights and pushes, to that of all displacements",
+        graded(error, norm, "magma"),
+        color_bar(norm, "magma", "|û − u|  [-]"),
+        grid.index[int(np.argmax(error))].astype(np.int64),
+        marks=(_frame_marks(body, grid),),
+    )
 
 
 def _regions(body: SoftBody, grid: Grid) -> Picture:
-    palette = categorical(len(body.fit_error))
-    size = np.bincount(body.fields.region) * grid.cell_volume * 1e6
+    palette = categorical(len(body.stiffness.points))
+    size = np.bincount(body.fields.region, minlength=len(palette)) * grid.cell_volume * 1e6
     influence = [sorted(set(body.control.frame[points].tolist())) for points in body.stiffness.points]
     legend = [
         (f"{e}: frames {' '.join(map(str, frames))}, {volume:.3g} cm³", palette[e])
@@ -205,7 +226,7 @@ def _regions(body: SoftBody, grid: Grid) -> Picture:
     ]
     return Picture(
         "regions",
-        "Regions: one integration sample each",
+        "Regions, and the frames that each couples",
         palette[body.fields.region],
         name_list(legend),
         _middle(grid),

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import KDTree
 
-from mjframes.control import ControlPoints, control_weights
 from mjframes.grid import Grid
-from mjframes.surfaces import ContactPoints, Surface, surface_weights
+from mjframes.shape_functions import ShapeFunctions
+from mjframes.surfaces import ContactPoints, Surface
 
 NODES = 8000  # at most: 0.1 MB of distances and indices, and a megabyte of weights
 GROWTH = 1.15  # [-] of the spacing, until the nodes are few enough
@@ -45,8 +45,7 @@ class Lattice:
 
 def rest_lattice(
     grid: Grid,
-    weights: sparse.csr_array,
-    control: ControlPoints,
+    shapes: ShapeFunctions,
     surface: Surface,
     spheres: ContactPoints,
     patch: np.ndarray,
@@ -54,7 +53,7 @@ def rest_lattice(
 ) -> Lattice:
     """The lattice of a soft body, as fine as its voxels if they are not too many.
 
-    weights: (n, f) at the voxels.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
+    shapes: of the body.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
     """
     spacing = float(np.min(grid.spacing))
     # the volume grown by the band, roughly, has to hold no more nodes than that
@@ -68,14 +67,14 @@ def rest_lattice(
     distance = signed_distance(surface, nodes, spacing)
     active = distance < BAND * spacing
     nodes, index, distance = nodes[active], index[active], distance[active]
-    node_weights = sparse.csr_array(control_weights(surface_weights(grid, weights, nodes), control, nodes))
+    node_weights = shapes.at(grid, nodes)
     return Lattice(
         spacing=spacing,
         origin=grid.axes @ first,
         shape=shape,
         node=index,
         distance=distance,
-        patch=_nearest_patch(nodes, node_weights, spheres.positions, patch, sphere_weights, control.frame),
+        patch=_nearest_patch(nodes, node_weights, spheres.positions, patch, sphere_weights, shapes.control.frame),
         weights=node_weights,
         spheres=(spheres.positions @ grid.axes - first) / spacing,
     )

@@ -22,15 +22,13 @@ from scipy import sparse
 
 from mjframes import laws
 from mjframes.body import COROTATIONAL, SoftBody
-from mjframes.control import control_weights
 from mjframes.errors import MjframesError
-from mjframes.gradients import product_rule
-from mjframes.grid import Grid, voxel_grid
+from mjframes.fields import EVEN
+from mjframes.grid import Grid, evened, voxel_grid
 from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.mechanics import CorotationalRegion, closest_rotation
 from mjframes.stiffness import shows_rotations
-from mjframes.surfaces import closest_voxels, surface_weights
-from mjframes.weights import weight_gradients
+from mjframes.surfaces import closest_voxels, voxel_shares
 
 Array = NDArray[np.float64]
 Region = CorotationalRegion | HyperelasticRegion
@@ -122,15 +120,16 @@ def material_points(body: SoftBody, rest: Array, points: ArrayLike) -> MaterialP
             f"points[{n}] is {tuple(at[n].tolist())}, {away[n] - 0.5:.1f} voxels outside the volume; "
             "give points of the material, in volume coordinates in metres."
         )
-    frame_weights = surface_weights(grid, body.fields.weights, at, nearest)
-    weights = sparse.csr_array(control_weights(frame_weights, body.control, at))
+    weights = body.shapes.at(grid, at, nearest)
     if body.law == COROTATIONAL:
         table = np.stack([grid.per_material("lam"), grid.per_material("mu"), np.zeros(len(grid.table))], axis=1)
     else:
         table = body.law_constants
     region = body.fields.region[nearest]
+    metric = evened(grid) if body.fields.metric == EVEN else grid
+    shares = sparse.csr_array(voxel_shares(grid, body.fields.weights, at, nearest) @ body.fields.weights)
     groups = tuple(
-        _group(body, grid, rest, int(e), rows, at[rows], nearest[rows], frame_weights[rows])
+        _group(body, metric, rest, int(e), rows, at[rows], nearest[rows], shares[rows])
         for e in np.unique(region)
         for rows in [np.flatnonzero(region == e)]
     )
@@ -145,13 +144,12 @@ def _group(
     rows: NDArray[np.int64],
     at: Array,
     nearest: NDArray[np.int64],
-    weights: sparse.csr_array,
+    shares: sparse.csr_array,
 ) -> Group:
     points = body.stiffness.points[region]
     frames = body.control.frame[points]
     frames = frames[np.sort(np.unique(frames, return_index=True)[1])]
-    slope = weight_gradients(grid, body.fields.weights, nearest, frames, body.fields.region)
-    gradient = product_rule(body.control, frames, weights[:, frames].toarray(), slope, at)[1]
+    gradient = body.shapes.slopes(grid, nearest, frames, shares[:, frames].toarray(), at, body.fields.region)[1]
     if not any(body.types[i] == "point" for i in frames):
         gradient = shows_rotations(gradient, rest[points])
     return Group(rows, region, points, gradient, np.eye(3) - np.einsum("jr,nja->nra", rest[points], gradient))

@@ -24,6 +24,7 @@ from mjframes.grid import Grid
 from mjframes.laws import Law, LawParameters, law_parameters
 from mjframes.moments import inside, mean_monomials, rule
 from mjframes.regions import Regions, members_of
+from mjframes.shape_functions import ShapeFunctions
 from mjframes.threads import in_parallel
 from mjframes.tree import Tree
 from mjframes.weights import weight_gradients, weights_at
@@ -65,8 +66,7 @@ class _Cell:
 
 def quadrature(
     grid: Grid,
-    weights: sparse.csr_array,
-    control: ControlPoints,
+    shapes: ShapeFunctions,
     regions: Regions,
     tree: Tree,
     strain: Strain = "corotational",
@@ -79,6 +79,7 @@ def quadrature(
     """
     if strain not in ENERGY_ORDER:
         raise MjframesError(f"strain is {strain!r}; it must be one of {', '.join(map(repr, ENERGY_ORDER))}.")
+    weights, control = shapes.weights, shapes.control
     rank = np.argsort(tree.order)
     frames = [np.array(members)[np.argsort(rank[list(members)])] for members in regions.frames]
     cells = [

@@ -8,7 +8,7 @@ frames than samples, the smallest region joins the one that gains the fewest fra
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
 
 import numpy as np
@@ -57,7 +57,7 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
     """
     if not isinstance(samples, (int, np.integer)) or samples < 1:
         raise MjframesError(f"samples is {samples!r}; it must be an integer ≥ 1, the number of regions.")
-    label, sets = _same_frames(weights)
+    label, sets = frame_sets(weights)
     label, sets = _without_films(grid, label, sets)
     if len(sets) > samples:
         label, sets = _merge(grid, label, sets, samples)
@@ -79,6 +79,12 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
     return Regions(label, tuple(frames), np.array([p.fit_error for p in parts]))
 
 
+def renumbered(regions: Regions, order: NDArray[np.integer]) -> Regions:
+    """The same with frame order[i] called i."""
+    number = np.argsort(order)
+    return replace(regions, frames=tuple(tuple(sorted(int(number[i]) for i in some)) for some in regions.frames))
+
+
 def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]]:
     """The voxels of each region, ascending."""
     ends = np.cumsum(np.bincount(label, minlength=regions))
@@ -87,11 +93,19 @@ def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]
     return np.split(voxels, ends[:-1])
 
 
-def _same_frames(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """The number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f)."""
+def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """The number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f) of weights (n, f)."""
     label = np.empty(len(weights.indptr) - 1, np.int32)
     first = _number_sets(weights.indptr, weights.indices, label)
     return label, weights[first].toarray() > 0
+
+
+def fit_errors(
+    grid: Grid, weights: sparse.csr_array, label: NDArray[np.int32], regions: int
+) -> NDArray[np.float64]:
+    """Return `Regions.fit_error` (r,) of weights (n, f) in the regions (n,) of the voxels, 0 in empty ones."""
+    parts = (_part(grid, weights, voxels) if len(voxels) else None for voxels in members_of(label, regions))
+    return np.array([part.fit_error if part else 0.0 for part in parts])
 
 
 def _without_films(

@@ -226,7 +226,7 @@ def penetration(data: mujoco.MjData) -> float:
 
 
 def kinetic_energy(model: mujoco.MjModel, data: mujoco.MjData, qvel: np.ndarray) -> float:
-    """Of all bodies and armatures [J].  qvel: (nv,), the one that data's `cvel` was made from."""
+    """Of all bodies and armatures, as MuJoCo knows their masses [J].  qvel: (nv,), the one that data's `cvel` was made from."""
     velocity = _center_velocities(model, data)
     spin = np.einsum("bji,bj->bi", data.ximat.reshape(-1, 3, 3), data.cvel[:, :3])
     linear = model.body_mass @ (velocity**2).sum(axis=1)
@@ -270,7 +270,7 @@ def _instant(
         time=now,
         qpos=qpos,
         qvel=qvel,
-        kinetic=kinetic_energy(model, data, qvel),
+        kinetic=kinetic_energy(model, data, qvel) + sum(float(body.kinetic_difference) for body in bodies.values()),
         potential=float(data.energy[0]),
         elastic={name: float(body.elastic_energy) for name, body in bodies.items()},
         soft_kinetic={name: float(body.kinetic_energy) for name, body in bodies.items()},

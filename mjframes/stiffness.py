@@ -18,7 +18,7 @@ from mjframes.control import ControlPoints, points_of
 from mjframes.gradients import control_gradients
 from mjframes.grid import Grid
 from mjframes.regions import Regions, members_of
-from mjframes.relaxation import relaxed_regions
+from mjframes.shape_functions import ShapeFunctions
 from mjframes.threads import in_parallel
 from mjframes.tree import Tree
 
@@ -46,14 +46,10 @@ class Stiffness:
 
 
 def region_stiffness(
-    grid: Grid,
-    weights: sparse.csr_array,
-    control: ControlPoints,
-    regions: Regions,
-    tree: Tree,
-    relax: bool = True,
+    grid: Grid, shapes: ShapeFunctions, regions: Regions, tree: Tree
 ) -> Stiffness:
-    """Stiffness matrix and mean gradients of every region, at rest; relax: let its material relax within it."""
+    """Stiffness matrix and mean gradients of every region, at rest."""
+    weights, control = shapes.weights, shapes.control
     rank = np.argsort(tree.order)
     frames = [np.array(members)[np.argsort(rank[list(members)])] for members in regions.frames]
     voxels = members_of(regions.label, len(frames))
@@ -66,9 +62,7 @@ def region_stiffness(
     def work(piece: tuple[int, NDArray[np.int32]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return _sum_voxels(grid, weights, control, piece[1], frames[piece[0]], regions.label)
 
-    relaxing = [e for e in range(len(frames)) if relax and not _is_uniform(control, frames[e])]
-    rest = sorted(set(range(len(frames))) - set(relaxing))
-    pieces = [(e, some) for e in rest for some in _of_one_material(grid, voxels[e])]
+    pieces = [(e, some) for e in range(len(frames)) for some in _of_one_material(grid, voxels[e])]
     with threadpool_limits(1, "blas"):  # the regions are spread over the processors already
         sums = in_parallel(work, pieces)
         for (e, some), (gradient, product) in zip(pieces, sums, strict=True):
@@ -78,10 +72,6 @@ def region_stiffness(
             matrices[e] += _hooke(
                 float(lam[material]) * grid.cell_volume, float(mu[material]) * grid.cell_volume, product
             )
-    parts = relaxed_regions(grid, weights, control, [voxels[e] for e in relaxing], [frames[e] for e in relaxing])
-    for e, (gradient, matrix) in zip(relaxing, parts, strict=True):
-        gradients[e], matrices[e] = gradient.ravel(), matrix
-        moduli[e] = young[grid.material[voxels[e]]].sum() * grid.cell_volume
     volume = np.array([len(some) for some in voxels]) * grid.cell_volume
     mean = [
         shows_rotations((g / total).reshape(-1, 3), control.rest[some])
@@ -110,11 +100,6 @@ def blind_to_translations(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     blocks = blocks - blocks.mean(axis=2, keepdims=True)
     centred = blocks.reshape(matrix.shape)
     return 0.5 * (centred + centred.T)
-
-
-def _is_uniform(control: ControlPoints, frames: NDArray[np.int64]) -> bool:
-    """Whether a region of these frames can only be strained uniformly: then relaxation leaves it alone."""
-    return len(frames) == 1 and not control.basis[control.frame == frames[0], 4:].any()
 
 
 def _of_one_material(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:

@@ -4,7 +4,7 @@
 moved along its normals so that it encloses the volume of the voxels; cut where two smoothed material indicators
 G ∗ 1_a and G ∗ 1_b are equal, so that every triangle has one material.
 `contact_points`: centres of spheres that touch that surface from inside, by farthest-point sampling.
-`surface_weights`: w_i at any point, trilinear among the voxels with the same frames as the nearest one.
+`voxel_shares`: fields of the voxels at any point, trilinear among those with the same frames as the nearest one.
 """
 
 from __future__ import annotations
@@ -118,12 +118,17 @@ def contact_points(surface: Surface, volume: Volume, radius: float | None = None
     return ContactPoints(positions, radius, normals[chosen], np.arange(len(chosen)))
 
 
-def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray, nearest: np.ndarray | None = None) -> csr_array:
-    """Frame weights at points: w_i(p) = Σ_v c_v w_iv, trilinear c over the voxels with the nearest voxel's frames.
+def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray) -> csr_array:
+    """Return the frame weights (s, f) at points (s, 3), from those at the voxels (n, f): see `voxel_shares`."""
+    return csr_array(voxel_shares(grid, weights, points) @ weights)
 
+
+def voxel_shares(grid: Grid, weights: csr_array, points: np.ndarray, nearest: np.ndarray | None = None) -> csr_array:
+    """Return c_v (s, n) with which fields at the voxels make up their values at points; rows sum to 1.
+
+    Trilinear over the voxels with the nearest voxel's frames; that voxel alone where it is rigid.
     weights: (n, f) at the voxels.  points: (s, 3) volume coordinates [m], within a voxel or so of the inside.
     nearest: their `closest_voxels`, where they are known.
-    Returns (s, f); rows sum to 1.  A point whose nearest voxel is rigid gets exactly the weights of its piece.
     """
     points = np.asarray(points, dtype=np.float64)
     nearest = closest_voxels(grid, points) if nearest is None else nearest
@@ -146,7 +151,7 @@ def surface_weights(grid: Grid, weights: csr_array, points: np.ndarray, nearest:
     rows = np.repeat(np.arange(len(points)), 8)
     used = coefficient.ravel() > 0
     entries = ((coefficient / total[:, None]).ravel()[used], (rows[used], voxel.ravel()[used]))
-    return csr_array(csr_array(entries, shape=(len(points), len(grid.index))) @ weights)
+    return csr_array(entries, shape=(len(points), len(grid.index)))
 
 
 def closest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:

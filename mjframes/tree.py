@@ -1,6 +1,6 @@
 """The kinematic tree as the elimination tree of the frames (sparse Cholesky's, George and Liu 1981; the paper's (7)).
 
-Frames that share a region are coupled. MuJoCo's mass matrix stores ancestor–descendant pairs only and factors them from
+Frames that move the same voxels are coupled. MuJoCo's mass matrix stores ancestor–descendant pairs only and factors them from
 the leaves up, without fill; in an elimination tree every coupled pair, and every pair that elimination couples, is such
 a pair. The order of elimination is nested dissection by level sets or minimum degree, whichever gives the smallest
 Σ_i depth_i², which is what factorization costs.
@@ -9,14 +9,12 @@ a pair. The order of elimination is nested dissection by level sets or minimum d
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-
-from mjframes.regions import Regions
 
 Graph = dict[int, set[int]]
 
@@ -135,23 +133,23 @@ def _components(graph: Graph, part: set[int]) -> list[set[int]]:
     return found
 
 
-def frame_tree(regions: Regions, frames: int, fixed: int = 0) -> Tree:
+def frame_tree(sets: Iterable[Sequence[int]], frames: int, fixed: int = 0) -> Tree:
     """The elimination tree of `frames` frames, the first `fixed` of which do not move and stand alone, before the rest.
 
-    Fixed frames have no degrees of freedom: what they couple is not coupled by them.
+    sets: frames that are coupled to each other. Fixed ones have no degrees of freedom: what they couple is not coupled
+    by them.
     """
-    tree = elimination_tree([[i - fixed for i in members if i >= fixed] for members in regions.frames], frames - fixed)
+    tree = elimination_tree([[i - fixed for i in members if i >= fixed] for members in sets], frames - fixed)
     parent = np.where(tree.parent < 0, -1, tree.parent + fixed)
     alone = np.arange(fixed)
     return Tree(np.concatenate([np.full(fixed, -1), parent]), np.concatenate([alone, tree.order + fixed]))
 
 
-def depth_first(weights: sparse.csr_array, regions: Regions, tree: Tree) -> tuple[sparse.csr_array, Regions, Tree]:
+def depth_first(weights: sparse.csr_array, tree: Tree) -> tuple[sparse.csr_array, Tree]:
     """The same with frames numbered in the tree's order, which is the order in which MuJoCo numbers bodies."""
     number = np.argsort(tree.order)
     parent = tree.parent[tree.order]
     parent = np.where(parent < 0, -1, number[parent])
     columns = sparse.csr_array(weights[:, tree.order])
     columns.sort_indices()
-    frames = tuple(tuple(sorted(int(number[i]) for i in members)) for members in regions.frames)
-    return columns, replace(regions, frames=frames), Tree(parent=parent, order=np.arange(len(parent)))
+    return columns, Tree(parent=parent, order=np.arange(len(parent)))

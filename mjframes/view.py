@@ -130,11 +130,34 @@ class Soft:
     @property
     def kinetic_energy(self) -> float:
         """½ Σ_jk M_jk v_j · v_k of the soft body's own mass [J]."""
+        return 0.5 * float(np.sum(self.control_velocities * self.control_momenta))
+
+    @property
+    def kinetic_difference(self) -> float:
+        """How much of it MuJoCo's bodies, which have the point masses alone, do not have [J]."""
+        return self.kinetic_energy - 0.5 * float(self.mass @ (self.control_velocities**2).sum(axis=1))
+
+    @property
+    def linear_momentum(self) -> np.ndarray:
+        """Of the soft body's own mass (3,), in the world [kg m/s]."""
+        return self.control_momenta.sum(axis=0)
+
+    @property
+    def angular_momentum(self) -> np.ndarray:
+        """Of the soft body's own mass about the world's origin (3,) [kg m²/s].
+
+        MuJoCo's own, `subtree_angmom`, knows the masses of bodies only, which is not all of a consistent mass matrix.
+        """
+        return np.cross(self.control_positions, self.control_momenta).sum(axis=0)
+
+    @property
+    def control_momenta(self) -> np.ndarray:
+        """Σ_k M_jk v_k (k, 3) of the control points, in the world [kg m/s]."""
         velocity = self.control_velocities
-        energy = 0.5 * float(self.mass @ (velocity**2).sum(axis=1))
+        momentum = self.mass[:, None] * velocity
         for points, difference in self.mass_difference:
-            energy += 0.5 * float(np.einsum("ja,jk,ka->", velocity[points], difference, velocity[points]))
-        return energy
+            momentum[points] += difference @ velocity[points]
+        return momentum
 
     @property
     def elastic_forces(self) -> np.ndarray:

@@ -23,7 +23,7 @@ TILTED = (0.9, 0.3, -0.2, 0.25)
 @cache
 def lump(alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
     """Three materials, two bones and a hole; four frames, one below the other; large regions."""
-    return build(mixed(), 4, 6, damping=(alpha, beta))
+    return build(mixed(), 4, damping=(alpha, beta))
 
 
 @cache
@@ -37,7 +37,7 @@ def beam(young: float = 2e4, alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
         2: Material(3 * young, 0.3, 1100),
         3: Material(40 * young, 0.3, 1900),
     }
-    return build(Volume.from_labels(labels, 0.01, materials), 5, 12, damping=(alpha, beta))
+    return build(Volume.from_labels(labels, 0.01, materials), 5, damping=(alpha, beta))
 
 
 def in_space(body: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -150,6 +150,8 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
         stiffness += turning_stiffness(model, data, view)
         inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
+        jacobian = point_jacobian(model, data, view)
+        inertia += mass - jacobian.T @ (np.repeat(view.mass, 3)[:, None] * jacobian)  # what MuJoCo does not know of
     return passive, inertia
 
 

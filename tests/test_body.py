@@ -30,9 +30,9 @@ def leaves(value: object) -> list[np.ndarray]:
 
 def test_stages_are_reported_in_order() -> None:
     stages: list[str] = []
-    build(mixed(), 2, 3, progress=stages.append)
+    build(mixed(), 2, progress=stages.append)
     assert [stage.split()[-1] for stage in stages] == [
-        "voxels", "frames", "weights", "regions", "stiffness", "surfaces",
+        "voxels", "elements", "frames", "body", "weights", "surfaces",
     ]  # fmt: skip
 
 
@@ -70,11 +70,11 @@ def test_contact_spheres_are_sorted_by_patch_and_cluster() -> None:
     assert np.all(np.diff(key) >= 0)
     # sorted together with their centres and weights: see test_surfaces_hang_on_the_control_points
     assert contact.radius == pytest.approx(mixed().spacing.min() / 2)
-    assert build(mixed(), 2, 3, contact_radius=0.003).contact.radius == 0.003
+    assert build(mixed(), 2, contact_radius=0.003).contact.radius == 0.003
 
 
 def test_the_same_build_gives_the_same_bits() -> None:
-    first, second = (leaves(build(mixed(), 3, 5, seed=4)) for _ in range(2))
+    first, second = (leaves(build(mixed(), 3, seed=4)) for _ in range(2))
     assert len(first) == len(second)
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -82,17 +82,17 @@ def test_the_same_build_gives_the_same_bits() -> None:
 
 def test_frames_can_be_placed() -> None:
     at = mixed().origin + mixed().axes @ ([3.5, 3.5, 2.5] * mixed().spacing)
-    assert len(build(mixed(), at=[at], samples=1).parent) == 1
+    assert len(build(mixed(), at=[at]).parent) == 1
 
 
 @pytest.mark.parametrize("damping", [(-1, 0), (0, -0.1), (np.nan, 0), (0, np.inf), (1,), (1, 2, 3), 3, ("much", 0)])
 def test_damping_has_to_be_two_rates(damping) -> None:
     with pytest.raises(MjframesError, match=r"^damping is .* two rates"):
-        build(mixed(), 2, 3, damping=damping)
+        build(mixed(), 2, damping=damping)
 
 
 def test_damping_is_kept() -> None:
-    assert build(mixed(), 2, 3, damping=(2, 0.5)).damping == (2.0, 0.5)
+    assert build(mixed(), 2, damping=(2, 0.5)).damping == (2.0, 0.5)
 
 
 def test_a_volume_in_two_pieces_is_refused() -> None:

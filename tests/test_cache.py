@@ -193,11 +193,11 @@ def test_another_number_of_frames_takes_the_same_surface(monkeypatch: pytest.Mon
     monkeypatch.setattr(body, "extract_surface", lambda volume: extracted.append(1) or original(volume))
     labels = np.ones((12, 6, 4), int)
     volume = Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.4, 1000)})
-    two, three = build(volume, 2, 4), build(volume, 3, 4)
+    two, three = build(volume, 2), build(volume, 3)
     assert len(extracted) == 1
     np.testing.assert_array_equal(two.skin.vertices, three.skin.vertices)
     labels[0, 0, 0] = 0
-    build(Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.4, 1000)}), 2, 4)
+    build(Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.4, 1000)}), 2)
     assert len(extracted) == 2
 
 
@@ -215,7 +215,7 @@ def test_meshes_are_voxelized_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def make(frames: int, **settings: Any) -> Volume:
         with pytest.warns(MeshWarning, match="inside out"):  # again each time
             volume = Volume.from_meshes([(str(path), FLESH)], **(settings or {"voxels": 500}))
-        build(volume, frames, frames)
+        build(volume, frames)
         return volume
 
     write((0.2, 0.05, 0.05))

@@ -100,9 +100,10 @@ def test_view_needs_a_display(
 
 def test_build_writes_a_scene_that_runs(volume: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "new" / "scene.xml"
-    command = ["build", str(volume), "--frames", "2", "--samples", "4", "--material", FLESH, "--material", BONE]
+    command = ["build", str(volume), "--frames", "2", "--material", FLESH, "--material", BONE]
+    command += ["--method", "paper", "--samples", "4"]
     assert main([*command, "-o", str(scene)]) == 0
-    assert "2 frames, 4 samples, 288 voxels, 24 degrees of freedom" in capsys.readouterr().out
+    assert "2 frames, 4 regions, 288 voxels, 24 degrees of freedom" in capsys.readouterr().out
     assert [path.name for path in scene.parent.iterdir()] == ["scene.xml"]
     model = mujoco.MjModel.from_xml_path(str(scene))
     assert model.body_mass.sum() == pytest.approx((216 * 1050 + 72 * 1900) * 1e-6, rel=1e-6)
@@ -113,7 +114,7 @@ def test_build_writes_a_scene_that_runs(volume: Path, tmp_path: Path, capsys: py
 def test_build_saves_a_soft_body(volume: Path, tmp_path: Path) -> None:
     from mjframes.body import SoftBody
 
-    assert main(["build", str(volume), "-o", str(tmp_path / "body.npz"), "--frames", "2", "--samples", "3"]) == 0
+    assert main(["build", str(volume), "-o", str(tmp_path / "body.npz"), "--frames", "2"]) == 0
     assert isinstance(SoftBody.load(str(tmp_path / "body.npz")), SoftBody)
     assert {path.name for path in tmp_path.iterdir()} == {"bar.npz", "body.npz"}
 
@@ -127,7 +128,7 @@ def test_build_takes_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     )
     command = ["build", str(tmp_path / "flesh.stl"), str(tmp_path / "bone.ply"), "-o", str(tmp_path / "scene.xml")]
     command += ["--materials", str(tmp_path / "materials.yaml"), "--material", "2=bone:rigid,density=2000"]
-    assert main([*command, "--unit", "mm", "--spacing", "0.01", "--frames", "2", "--samples", "2"]) == 0
+    assert main([*command, "--unit", "mm", "--spacing", "0.01", "--frames", "2"]) == 0
     captured = capsys.readouterr()
     assert "432 voxels" in captured.out
     assert captured.err == f"mjframes: {tmp_path / 'bone.ply'}: it is inside out; the triangles were turned.\n"
@@ -140,7 +141,7 @@ def test_build_can_drop_small_pieces(tmp_path: Path, capsys: pytest.CaptureFixtu
     labels[:6], labels[7:] = 1, 1
     np.save(tmp_path / "two.npy", labels)
     command = ["build", str(tmp_path / "two.npy"), "--spacing", "0.01", "--material", FLESH, "--frames", "2"]
-    command += ["--samples", "2", "-o", str(tmp_path / "body.npz")]
+    command += ["-o", str(tmp_path / "body.npz")]
     assert main(command) == 2
     assert "2 unconnected pieces" in sentence(capsys)
     assert main([*command, "--largest"]) == 0

@@ -304,7 +304,7 @@ def held_bar() -> SoftBody:
     piece = np.zeros(labels.shape, bool)
     piece[:3] = True
     volume = Volume.from_labels(labels, 0.01, {1: soft_material})
-    return build(volume, 4, 8, frame_type=("point", "rigid", "affine", "rigid"), attached=[Attached("arm", piece)])
+    return build(volume, 4, frame_type=("point", "rigid", "affine", "rigid"), attached=[Attached("arm", piece)])
 
 
 def test_what_holds_a_piece_is_not_touched() -> None:

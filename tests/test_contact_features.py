@@ -38,7 +38,7 @@ def slab(young: float = 2e4) -> SoftBody:
     labels, bottom = np.ones((20, 20, 5), int), np.zeros((20, 20, 5), bool)
     bottom[:, :, 0] = True
     volume = Volume.from_labels(labels, 0.01, {1: Material(young, 0.3, 1000)})
-    return build(volume, 5, 10, fixed=[Fixed(bottom)])
+    return build(volume, 5, fixed=[Fixed(bottom)])
 
 
 def lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -117,7 +117,7 @@ def test_lattice_knows_the_rest_shape() -> None:
 def test_a_ball_and_its_distance() -> None:
     x = (np.indices((24, 24, 24)) - 11.5) * 0.01
     labels = (np.linalg.norm(x, axis=0) < 0.1).astype(int)
-    body = build(Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000)}), 2, 4)
+    body = build(Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000)}), 2)
     lattice = body.lattice
     node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
     distance = np.linalg.norm(lattice.origin + lattice.spacing * node - 0.12, axis=1) - 0.1

@@ -25,7 +25,7 @@ def block(shape: tuple[int, int, int], spacing: float, density: float, beta: flo
     """Of E = 1e5."""
     labels = np.ones(shape, int)
     volume = Volume.from_labels(labels, spacing, {1: Material(1e5, 0.3, density)})
-    return build(volume, 3, 6, damping=(0.0, beta))
+    return build(volume, 3, damping=(0.0, beta))
 
 
 def set_speeds(model: mujoco.MjModel, data: mujoco.MjData, name: str, velocity: np.ndarray, spin: np.ndarray) -> None:
@@ -42,9 +42,7 @@ def momenta(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     total = np.zeros(6)
     for name in soft_names(model):
         view = soft(model, data, name)
-        speed = (point_jacobian(model, data, view) @ data.qvel).reshape(-1, 3)
-        moved = view.mass[:, None] * speed
-        total += np.concatenate([moved.sum(axis=0), np.cross(view.control_positions, moved).sum(axis=0)])
+        total += np.concatenate([view.linear_momentum, view.angular_momentum])
     return total
 
 

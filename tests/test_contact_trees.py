@@ -36,7 +36,6 @@ def bridge() -> SoftBody:
     return build(
         Volume.from_labels(np.ones(SHAPE, int), SPACING, {1: Material(2e4, 0.35, 1000)}),
         2,
-        8,
         frame_type=("affine", "rigid"),
         attached=attached,
     )

@@ -15,7 +15,7 @@ from mjframes.grid import voxel_grid
 
 @pytest.fixture(scope="module")
 def body() -> SoftBody:
-    return build(shapes.mixed(), 6, 12)
+    return build(shapes.mixed(), 6)
 
 
 def test_fields_are_numbered_as_the_body(body: SoftBody) -> None:
@@ -60,4 +60,6 @@ def test_a_saved_body_keeps_them(body: SoftBody, tmp_path: Path) -> None:
 def test_they_are_packed_small(body: SoftBody) -> None:
     fields = body.fields
     packed = sum(array.nbytes for array in pack_fields(fields).values())
-    assert packed < fields.volume.labels.size + 5 * fields.weights.nnz + 8 * len(fields.region)
+    assert fields.correction is not None
+    known = fields.volume.labels.size + 5 * fields.weights.nnz + 8 * len(fields.region)
+    assert packed < known + 5 * fields.correction.nnz + 2 * 36 * len(fields.region) + 40_000  # and what regions share

@@ -17,14 +17,14 @@ YOUNG = {1: 1e4, 2: 8e4, 3: 3e5}  # [Pa] without Poisson's ratio, as in the pape
 PARTS = [3] * 7 + [1] * 4 + [2] * 9
 
 
-def bar_of_figure_5(relax: bool) -> SoftBody:
+def bar_of_figure_5(method: str) -> SoftBody:
     """Clamps of one rigid voxel at both ends; the left one does not move, a frame is in the right one."""
     materials = {label: Material(young, 0.0, 1000) for label, young in YOUNG.items()} | {4: Material.rigid(1900)}
     labels = np.array([4, *PARTS, 4]).reshape(-1, 1, 1)
     left = np.zeros(labels.shape, bool)
     left[0] = True
     right = [((len(labels) - 0.5) * EDGE, EDGE / 2, EDGE / 2)]
-    return build(Volume.from_labels(labels, EDGE, materials), at=right, fixed=[Fixed(left)], relax=relax)
+    return build(Volume.from_labels(labels, EDGE, materials), at=right, fixed=[Fixed(left)], method=method, metric="compliance")
 
 
 def pulled(body: SoftBody) -> np.ndarray:
@@ -44,9 +44,9 @@ def pulled(body: SoftBody) -> np.ndarray:
     return shapes @ moved.reshape(-1, 3)
 
 
-@pytest.mark.parametrize("relax", [False, True])
-def test_figure_5(relax: bool) -> None:
-    body = bar_of_figure_5(relax)
+@pytest.mark.parametrize("method", ["paper", "whole_body"])
+def test_figure_5(method: str) -> None:
+    body = bar_of_figure_5(method)
     compliance = np.array([1 / YOUNG[label] for label in PARTS])
     along = (np.cumsum(compliance) - compliance / 2) / compliance.sum()  # of voxel centres, 0 at the left clamp
     weights = body.fields.weights.toarray()[1:-1]
@@ -54,6 +54,8 @@ def test_figure_5(relax: bool) -> None:
 
     moved = pulled(body)
     stretch = FORCE / AREA * EDGE * compliance.sum()  # of bars in series [m]
-    # The clamps are a thousand times as stiff as the stiffest part: that is 1.2e-5 of the compliance of all.
-    np.testing.assert_allclose(moved[1:-1, 0], stretch * along, atol=3e-5 * stretch)
+    # The clamps are a thousand times as stiff as the stiffest part: that is 1.2e-5 of the compliance of all. Frames of
+    # the whole body are moments over voxels in which weights count as constant.
+    bound = {"paper": 3e-5, "whole_body": 1e-3}[method]
+    np.testing.assert_allclose(moved[1:-1, 0], stretch * along, atol=bound * stretch)
     assert np.abs(moved[:, 1:]).max() < 1e-6 * stretch

@@ -17,8 +17,8 @@ from scipy.sparse.linalg import eigsh
 import mjframes as mf
 from mjframes.body import SoftBody
 from mjframes.grid import voxel_grid
+from mjframes.report.bricks import bricks, linear_stiffness
 from mjframes.view import Soft, soft
-from mjframes.voxel_fem import cell_grid, cell_stiffness
 
 LENGTH, WIDTH, ACROSS = 0.4, 0.1, 12  # [m], [m], [voxels]
 COUNT = {"bending": 3, "torsion": 1, "axial": 1}  # of each kind, how many are compared
@@ -35,7 +35,7 @@ def volume(poisson: float, across: int) -> mf.Volume:
 @cache
 def bar(poisson: float) -> SoftBody:
     at = [((i + 0.5) * LENGTH / 9, WIDTH / 2, WIDTH / 2) for i in range(9)]
-    return mf.build(volume(poisson, ACROSS), at=at, samples=8, weights="linear", mass="consistent")
+    return mf.build(volume(poisson, ACROSS), at=at, weights="linear")
 
 
 def kind(mode: np.ndarray, points: np.ndarray) -> str:
@@ -67,16 +67,16 @@ def by_kind(frequencies: np.ndarray, modes: np.ndarray, points: np.ndarray) -> d
 @cache
 def fem(poisson: float, across: int) -> dict[str, np.ndarray]:
     grid = voxel_grid(volume(poisson, across))
-    cells = cell_grid(grid.index, grid.spacing, grid.axes, 1)
-    stiffness = cell_stiffness(cells, grid.lam * grid.cell_volume, grid.mu * grid.cell_volume)
+    mesh = bricks(grid, np.zeros(len(grid.index), bool), 1, 1)
+    stiffness = linear_stiffness(mesh)
     line = np.array([[2, 1], [1, 2]]) / 6
     of_cell = np.einsum("v,ab->vab", grid.density * grid.cell_volume, np.kron(np.kron(line, line), line))
-    row, column = np.repeat(cells.cell_nodes, 8, axis=1), np.tile(cells.cell_nodes, (1, 8))
+    row, column = np.repeat(mesh.element, 8, axis=1), np.tile(mesh.element, (1, 8))
     mass = sparse.kron(sparse.coo_array((of_cell.ravel(), (row.ravel(), column.ravel()))), sparse.eye_array(3))
     squares, modes = eigsh(sparse.csc_array(stiffness), k=6 + MODES, M=sparse.csc_array(mass), sigma=-SHIFT)
     order = np.argsort(squares)[6:]
     frequencies = np.sqrt(squares[order]) / (2 * np.pi)
-    return by_kind(frequencies, modes[:, order].reshape(-1, 3, MODES), cells.nodes)
+    return by_kind(frequencies, modes[:, order].reshape(-1, 3, MODES), mesh.nodes)
 
 
 def converged(poisson: float) -> dict[str, np.ndarray]:

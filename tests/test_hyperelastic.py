@@ -90,7 +90,7 @@ def test_scrambled_and_mirrored_it_returns(law: str, h: float) -> None:
 def test_small_strains_are_hookes(law: str) -> None:
     energies = {}
     for name in (law, "corotational"):
-        made = mf.build(beam_volume(), 3, 4, law=name, relax=False)
+        made = mf.build(beam_volume(), 3, 4, method="paper", law=name)
         model, data = in_space(made)
         view = soft(model, data, "soft0")
         mujoco.mj_kinematics(model, data)

@@ -28,7 +28,7 @@ ROBOTS = """<mujoco><option gravity="0 0 -1"/><worldbody>
 
 @cache
 def rigid_pair() -> SoftBody:
-    return mf.build(mixed(), 3, 6, frame_type=("rigid", "affine", "point"))
+    return mf.build(mixed(), 3, frame_type=("rigid", "affine", "point"))
 
 
 def scene(*bodies: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -25,7 +25,7 @@ MATERIAL = mf.Material(young=5e4, poisson=0.3, density=1000)
 def block(law: str = "corotational", **options: object) -> mf.SoftBody:
     """0.12 × 0.04 × 0.04 m of one material, three frames, nothing relaxed."""
     volume = mf.Volume.from_labels(np.ones((12, 4, 4), int), 0.01, {1: MATERIAL})
-    return mf.build(volume, 3, 4, law=law, relax=False, **options)  # pyright: ignore[reportArgumentType]
+    return mf.build(volume, 3, 4, method="paper", law=law, **options)  # pyright: ignore[reportArgumentType]
 
 
 def centers(body: mf.SoftBody) -> np.ndarray:

@@ -18,6 +18,7 @@ from mjframes.moments import exponents, inside, mean_monomials, monomials, rule
 from mjframes.placement import place_frames
 from mjframes.quadrature import Quadrature, Strain, quadrature
 from mjframes.regions import split_regions
+from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import region_stiffness
 from mjframes.tree import elimination_tree
 from mjframes.weights import voronoi_weights
@@ -36,7 +37,7 @@ class Model:
         self.control = control_points(grid, self.weights, (kind,) * frames)
         self.regions = split_regions(grid, self.weights, samples)
         self.tree = elimination_tree(self.regions.frames, frames)
-        self.arguments = (grid, self.weights, self.control, self.regions, self.tree)
+        self.arguments = (grid, ShapeFunctions(self.weights, self.control), self.regions, self.tree)
         self.degree_of_f = 2 if kind == "quadratic" else 1  # linear weights
 
     def quadrature(self, strain: Strain) -> Quadrature:
@@ -108,7 +109,7 @@ def test_uniform_deformations_are_exact_at_every_point(model: Model) -> None:
 
 
 def test_control_points_come_as_in_the_stiffness(model: Model) -> None:
-    stiffness = region_stiffness(*model.arguments, relax=False)
+    stiffness = region_stiffness(*model.arguments)
     for found, expected in zip(model.quadrature("corotational").points, stiffness.points, strict=True):
         np.testing.assert_array_equal(found, expected)
 
@@ -116,7 +117,7 @@ def test_control_points_come_as_in_the_stiffness(model: Model) -> None:
 def test_linear_weights_give_the_stiffness_summed_over_the_voxels() -> None:
     """Small strains of any law: at rest, K is K_e up to the voxels' own extent, h²/12 in second moments."""
     model = MODELS["linear"]
-    expected = region_stiffness(*model.arguments, relax=False).matrix
+    expected = region_stiffness(*model.arguments).matrix
     made = model.quadrature("corotational")
     for law in LAWS:
         materials = [law_parameters(law, material) for material in model.grid.table]

@@ -43,7 +43,7 @@ def test_knee_in_a_hull_of_flesh() -> None:
     volume = knee.filled(FLESH)
     assert np.count_nonzero(volume.labels == 11) == 1_868_016
     volume = volume.resample(100_000)
-    body = build(volume, 10, 200)
+    body = build(volume, 10)
     assert len(body.parent) == 10
     assert len(body.fit_error) == 200
     mass = sum(volume.materials[k].density * (knee.labels == k).sum() for k in range(1, 11)) + 1050 * 1_868_016
@@ -72,7 +72,7 @@ def test_frog_of_131_pieces_from_the_command_line(tmp_path: Path, capsys: pytest
 @pytest.mark.filterwarnings("ignore:.*encloses no voxel")
 def test_rat() -> None:
     volume = Volume.from_meshes([(shared("meshes/rat_skin_closed_5k4.ply"), FLESH)], voxels=60_000)
-    body = build(volume, 6, 30)
+    body = build(volume, 6)
     model, data = after_a_second(body, volume)
     np.testing.assert_allclose(model.body_mass.sum(), 1050 * 6.29979e-4, rtol=0.01)
     assert data.ncon > 0

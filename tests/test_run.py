@@ -201,7 +201,7 @@ def test_load_scene(tmp_path: Path) -> None:
 def test_the_plugins_reason_is_told(option: str, value: int, reason: str) -> None:
     rubber = Material(1e5, 0.4, 1000)
     volume = Volume.from_labels(np.ones((6, 3, 3), int), spacing=0.01, materials={1: rubber})
-    model = standalone_scene(build(volume, 2, 2), volume).compile()
+    model = standalone_scene(build(volume, 2), volume).compile()
     setattr(model.opt, option, value)
     with pytest.raises(MjframesError, match=rf"^MuJoCo cannot start the scene \(soft body 'soft': .*{reason}.*\)\.$"):
         record(model, 0.1)
@@ -209,7 +209,7 @@ def test_the_plugins_reason_is_told(option: str, value: int, reason: str) -> Non
 
 def test_soft_bodies_are_logged_and_their_energy_never_grows(tmp_path: Path) -> None:
     volume = Volume.from_labels(np.ones((6, 3, 3), int), spacing=0.01, materials={1: Material(1e5, 0.4, 1000)})
-    model = standalone_scene(build(volume, 2, 2), volume, name="block").compile()
+    model = standalone_scene(build(volume, 2), volume, name="block").compile()
     recording = record(model, 1.0, log=tmp_path / "a.mcap")
     messages = read_log(tmp_path / "a.mcap").messages["/soft/block"]
     assert max(message["elastic"] for message in messages) > 0

@@ -100,7 +100,7 @@ def crowded(path: Path) -> Path:
     spec = mujoco.MjSpec.from_string(SCENE)
     turning = block("neo_hookean", frame_type=("rigid", "affine", "rigid"))
     steak = Volume.from_labels(Path(__file__).parent.parent / "models" / "steak.npz")
-    attach(spec.worldbody, build(steak, 3, 10), "steak", (0, 0, 0.055))
+    attach(spec.worldbody, build(steak, 3), "steak", (0, 0, 0.055))
     attach(spec.worldbody, beam(), "beam", (0.2, 0.1, 0.0))
     attach(spec.worldbody, lump(0.5, 0.001), "lump", (-0.4, 0.1, -0.3))
     add_sensor(spec, beam(), "beam", "elastic_energy")

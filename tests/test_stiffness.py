@@ -8,6 +8,7 @@ from mjframes.control import control_points, points_of
 from mjframes.grid import Grid, voxel_grid
 from mjframes.placement import place_frames
 from mjframes.regions import split_regions
+from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import control_gradients, region_stiffness
 from mjframes.tree import depths, elimination_tree
 from mjframes.weights import voronoi_weights
@@ -22,7 +23,7 @@ class Model:
         self.control = control_points(grid, self.weights)
         self.regions = split_regions(grid, self.weights, samples)
         self.tree = elimination_tree(self.regions.frames, frames)
-        self.stiffness = region_stiffness(grid, self.weights, self.control, self.regions, self.tree, relax=False)
+        self.stiffness = region_stiffness(grid, ShapeFunctions(self.weights, self.control), self.regions, self.tree)
 
     def energies(self, moved: np.ndarray) -> np.ndarray:
         """½ uᵀ K_e u of each region for the displacements (k, 3) of the control points."""

@@ -7,6 +7,7 @@ import pytest
 from scipy import sparse
 
 from mjframes.regions import Regions
+from mjframes.regions import renumbered as named_anew
 from mjframes.tree import Tree, depth_first, depths, elimination_tree
 
 CHAIN = [(i, i + 1) for i in range(8)]
@@ -86,8 +87,8 @@ def test_renumbering_moves_weights_regions_and_tree_alike():
     tree = Tree(parent=np.array([2, 0, -1, 2]), order=np.array([2, 0, 1, 3]))
     old = np.array([[0.1, 0.2, 0.7, 0], [0, 0, 0.4, 0.6]])
     regions = Regions(np.array([0, 1], np.int32), ((0, 1, 2), (2, 3)), np.zeros(2))
-    weights, regions, renumbered = depth_first(sparse.csr_array(old), regions, tree)
+    weights, renumbered = depth_first(sparse.csr_array(old), tree)
     assert renumbered.order.tolist() == [0, 1, 2, 3]
     assert renumbered.parent.tolist() == [-1, 0, 1, 0]
     assert weights.toarray().tolist() == [[0.7, 0.1, 0.2, 0], [0.4, 0, 0, 0.6]]
-    assert regions.frames == ((0, 1, 2), (0, 3))
+    assert named_anew(regions, tree.order).frames == ((0, 1, 2), (0, 3))

@@ -119,4 +119,5 @@ def body(kind: Kind, young: float) -> SoftBody:
         labels[SHAPE[0] // 2 :] = 2
         materials[2] = Material(RATIO * young, POISSON, DENSITY)
     volume = Volume.from_labels(labels, SPACING, materials)
-    return build(volume, FRAMES, REGIONS, frame_type=kind.frames, law=kind.law)
+    samples = None if kind.law == COROTATIONAL else REGIONS
+    return build(volume, FRAMES, samples, frame_type=kind.frames, law=kind.law)

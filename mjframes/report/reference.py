@@ -21,7 +21,7 @@ from mjframes.cache import cached
 from mjframes.errors import MjframesError
 from mjframes.report.bricks import Bricks, at_centers, bricks, internal_force, linear_stiffness, nodal_load
 from mjframes.report.cases import Case, all_cases
-from mjframes.voxel_fem import rigid_motions
+from mjframes.whole_body.superelement import rigid_motions, size_of
 
 Array = NDArray[np.float64]
 
@@ -144,7 +144,7 @@ def preconditioner(matrix: sparse.csr_array, mesh: Bricks) -> LinearOperator:
         ) from error
     smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
     blocks = sparse.bsr_matrix(sparse.csr_matrix(matrix), blocksize=(3, 3))
-    motions = rigid_motions(mesh.nodes)[mesh.moving]
+    motions = rigid_motions(mesh.nodes, mesh.nodes.mean(axis=0), size_of(mesh.nodes))[mesh.moving]
     grids = pyamg.smoothed_aggregation_solver(blocks, B=motions, presmoother=smoother, postsmoother=smoother)
     return grids.aspreconditioner()
 

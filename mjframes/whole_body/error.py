@@ -1,0 +1,178 @@
+"""How far a body is from the finite elements on its own voxels: what it may promise before anyone has loaded it.
+
+Both answer the same load cases: the body's own weight along three axes, if it is held, and pushes on PUSHED of the
+surface each, spread evenly over it. With u what the finite elements do and û = N K⁺ Wᵀ f what the frames do, where N
+adds the modes of `lifting` to W,
+
+    weight = max over directions g of |Σ_a g_a (û_a − u_a)| / |Σ_a g_a u_a|
+    pushes = max over pushes of |û − u| outside of FAR radii / |u|
+
+in L2 over the voxels, a free body's without rigid motion. For frames that are not built yet (`expected`) the error of
+their coordinates stands in, u − Φ G⁻¹ Bᵀ u: that needs weights only, and no further solution.
+Index letters: v voxel; a axis; c load case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+
+from mjframes.control import ControlPoints, control_weights
+from mjframes.grid import Grid
+from mjframes.whole_body.superelement import rigid_motions
+
+Array = NDArray[np.float64]
+
+CASES = 16  # so many load cases: as many as the solver takes at once
+PUSHED = 0.08  # [-] of the surface that a push covers
+FACING = 0.3  # [-] least cosine between the normals where it pushes: not on both sides of a plate
+FAR = 1.5  # [-] radii of a push within which the dent that it makes is not looked at
+SMOOTH = 1.5  # [voxels] over which normals are taken
+
+
+@dataclass(frozen=True)
+class BodyError:
+    """Relative errors of displacements, against finite elements on the same voxels, in L2 over the voxels.
+
+    weight: under its own weight, in the direction where that is most; None for a body that nothing holds.
+    pushes: the largest of some pushes on 8 % of the surface each, away from where it is pushed.
+    """
+
+    weight: float | None
+    pushes: float
+
+    def __str__(self) -> str:
+        """Return it as a part of a sentence."""
+        weight = "" if self.weight is None else f"{self.weight:.1%} under its own weight, "
+        return f"{weight}{self.pushes:.1%} under pushes, against finite elements"
+
+    @property
+    def largest(self) -> float:
+        """Return the larger of the two."""
+        return max(self.weight or 0.0, self.pushes)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCases:
+    """force: (n, 3, c) [N] on the voxels, in volume coordinates; balanced where nothing is held.
+    weights: how many cases, the first ones, are own weights.  far: (c, n) the voxels that count.
+    """
+
+    force: Array
+    weights: int
+    far: NDArray[np.bool_]
+
+
+def load_cases(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> LoadCases:
+    """Return CASES load cases of a body of which the voxels `cores` are held."""
+    n = len(grid.index)
+    mass = grid.density * grid.cell_volume
+    weights = 3 if cores else 0
+    force, far = np.zeros((n, 3, CASES)), np.ones((CASES, n), bool)
+    for a in range(weights):
+        force[:, a, a] = mass / mass.sum()
+    held = np.zeros(n, bool)
+    held[np.concatenate([*cores, np.empty(0, np.int64)])] = True
+    surface = grid.outermost[~held[grid.outermost]]
+    place, normals = grid.points(surface), _normals(grid, surface)
+    count = max(1, round(PUSHED * len(surface)))
+    center, distance = int(np.argmax(np.linalg.norm(place - place.mean(axis=0), axis=1))), np.full(len(surface), np.inf)
+    for c in range(weights, CASES):
+        away = np.linalg.norm(place - place[center], axis=1)
+        order = np.argsort(np.where(normals @ normals[center] > FACING, away, np.inf), kind="stable")[:count]
+        pushed = order[normals[order] @ normals[center] > FACING]
+        direction = normals[pushed].mean(axis=0)
+        force[surface[pushed], :, c] = -direction / np.linalg.norm(direction) / len(pushed)
+        middle = place[pushed].mean(axis=0)
+        radius = np.linalg.norm(place[pushed] - middle, axis=1).max() + grid.spacing.max()
+        far[c] = np.linalg.norm(grid.centers - middle, axis=1) > FAR * radius
+        distance = np.minimum(distance, away)
+        center = int(np.argmax(distance))
+    far[~far.any(axis=1)] = True  # a body so small that a push is everywhere
+    if not cores:  # carried by its own inertia
+        motion = _rigid(grid)
+        inertia = np.repeat(mass, 3)[:, None] * motion
+        flat = force.reshape(3 * n, CASES)
+        carried = np.linalg.lstsq(motion.T @ inertia, motion.T @ flat, rcond=None)[0]
+        force = (flat - inertia @ carried).reshape(n, 3, CASES)
+    return LoadCases(force, weights, far)
+
+
+def expected(
+    grid: Grid, weights: sparse.csr_array, control: ControlPoints, held: int, cases: LoadCases, exact: Array
+) -> BodyError:
+    """Return the error of the coordinates of frames with these weights (n, f), whatever their stiffness.
+
+    exact: (n, 3, c) how the finite elements move.
+    """
+    moving = np.flatnonzero(control.frame >= held)
+    functions = sparse.csr_array(control_weights(weights, control, grid.centers)[:, moving])
+    e = np.sqrt(grid.young / grid.young.max())
+    weighted = sparse.csr_array(functions * e[:, None])
+    gram = (weighted.T @ functions).toarray()
+    x = np.linalg.lstsq(gram, weighted.T @ exact.reshape(len(e), -1), rcond=1e-10)[0]
+    return measured(grid, cases, exact, (functions @ x).reshape(exact.shape))[0]
+
+
+def coordinates(
+    plain: sparse.csr_array, corrected: sparse.csr_array, covariance: Array, cases: LoadCases
+) -> Array:
+    """Return x (3k, c) of frames with the compliance K⁺ (3k, 3k).
+
+    plain, corrected: (n, k) w_i φ_j, by which they have masses and so weight, and W_j, by which they are pushed.
+    """
+    n, _, count = cases.force.shape
+    load = (corrected.T @ cases.force.reshape(n, -1)).reshape(-1, count)
+    weight = cases.force[:, :, : cases.weights].reshape(n, 3 * cases.weights)
+    load[:, : cases.weights] = (plain.T @ weight).reshape(len(load), cases.weights)
+    return covariance @ load
+
+
+def measured(grid: Grid, cases: LoadCases, exact: Array, found: Array) -> tuple[BodyError, Array]:
+    """Return the error of displacements `found` (n, 3, c), and where it is: (n,) its rms over the cases, to that of u."""
+    difference, size = found - exact, exact
+    if not cases.weights:
+        motion = np.linalg.qr(_rigid(grid))[0]
+        difference, size = (_without(motion, field) for field in (difference, exact))
+    norm = np.linalg.norm(size, axis=(0, 1))
+    apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
+    weight = None
+    if cases.weights:
+        parts = [field[:, :, : cases.weights].reshape(-1, cases.weights) for field in (difference, size)]
+        scale = 1 / np.linalg.norm(parts[1], axis=0)
+        square, whole = (scale[:, None] * (part.T @ part) * scale for part in parts)
+        weight = float(np.sqrt(np.max(np.linalg.eigvals(np.linalg.solve(whole, square)).real)))
+    where = np.sqrt(np.mean((difference**2).sum(axis=1) / norm**2, axis=1) * len(difference))
+    return BodyError(weight, float(max(apart[cases.weights :]))), where
+
+
+def _rigid(grid: Grid) -> Array:
+    """(3n, 6) of the voxels' centres."""
+    return rigid_motions(grid.centers, grid.centers.mean(axis=0), float(np.ptp(grid.centers, axis=0).max()) or 1.0)
+
+
+def _without(motion: Array, field: Array) -> Array:
+    flat = field.reshape(len(motion), -1)
+    return (flat - motion @ (motion.T @ flat)).reshape(field.shape)
+
+
+def _normals(grid: Grid, voxels: NDArray[np.integer]) -> Array:
+    """(s, 3) outward, where the inside thins out; in volume coordinates."""
+    inside = np.pad((grid.lookup >= 0).astype(np.float32), 1)
+    smooth = np.asarray(ndimage.gaussian_filter(inside, SMOOTH, mode="constant"))
+    at = tuple(grid.index[voxels].T + 1)
+    slope = np.stack(
+        [
+            (smooth[tuple(a + (axis == d) for d, a in enumerate(at))] - smooth[tuple(a - (axis == d) for d, a in enumerate(at))])
+            / grid.spacing[axis]
+            for axis in range(3)
+        ],
+        axis=1,
+    )
+    thin = np.linalg.norm(slope * grid.spacing, axis=1) < 1e-3
+    slope[thin] = -np.eye(3)[np.argmin(grid.lookup.shape)]  # a sheet of one voxel: push on its face
+    return -(slope / np.linalg.norm(slope, axis=1, keepdims=True)) @ grid.axes.T

@@ -1,0 +1,124 @@
+"""How the body moves beyond its control weights: the modes that frames and material share within a region.
+
+    x(p̄) = Σ_j W_j x_j + R Φ(p̄) T y,   y = Rᵀ x − x̄ of the region's control points, R its rotation
+
+N̂ x is how the superelement moves a voxel. What it does when only the region's own points are known is its regression on
+them, x ~ N(0, K⁺); less Σ_j W_j x_j, and by the singular value decomposition of that, over the region's voxels, a few
+modes Φ T remain. They hold what scalar weights cannot: that a body thins where it is stretched, and bends along with
+what it is made of. R makes them follow any rotation. Index letters: v voxel; j control point; m mode.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mjframes.control import ControlPoints
+from mjframes.grid import Grid
+from mjframes.regions import members_of
+from mjframes.stiffness import Stiffness
+from mjframes.threads import in_parallel
+from mjframes.whole_body.superelement import Superelement, degrees, rigid_motions, size_of
+
+Array = NDArray[np.float64]
+
+MODES = 12  # a region: half of what weights miss is in the first eight to sixteen
+SEEN = 1e-10  # [-] eigenvalue of a scaled covariance below which a combination of points never moves
+FLAT = 1e-9  # [-] singular value below which points cannot turn about an axis
+SLIGHT = 1e-3  # [-] rms of a mode, to that of the region's motion, below which it is left out
+
+
+@dataclass(frozen=True, eq=False)
+class Lifting:
+    """Of r regions with q modes at most.
+
+    mode: (n, 3, q) float32 Φ at the voxels' centres, of the voxel's region, in volume coordinates, 1 at most, 0 for
+    modes that a region has not.  share: for each region T (q, 3m), of its control points in their order.
+    """
+
+    mode: NDArray[np.float32]
+    share: tuple[Array, ...]
+
+
+def lifting(
+    grid: Grid,
+    functions: sparse.csr_array,
+    control: ControlPoints,
+    element: Superelement,
+    covariance: Array,
+    stiffness: Stiffness,
+    region: NDArray[np.int32],
+    place: NDArray[np.integer],
+) -> Lifting:
+    """Return the modes of all regions.
+
+    functions: (n, k) W_j at the voxels.  covariance: K⁺ (3k, 3k).  region: (n,) of each voxel.  place: (n,) which of the
+    element's places each voxel is.
+    """
+    moved = element.moved.reshape(len(element.moved), 3, -1)
+    followed = element.lifting @ covariance  # (c, 3k)
+    voxels = members_of(region, len(stiffness.points))
+
+    def of_region(e: int) -> tuple[NDArray[np.float32], Array]:
+        points = stiffness.points[e]
+        dof = degrees(points)
+        basis, inverse = _whitened(covariance[np.ix_(dof, dof)])
+        if not len(voxels[e]) or not basis.shape[1]:
+            return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
+        wanted = (followed[:, dof] @ inverse.T).astype(np.float32)  # of unit, independent motions of the points
+        field = np.tensordot(moved[place[voxels[e]]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
+        field = np.einsum("ab,vbq->vaq", grid.axes.astype(np.float32), field)
+        size = np.linalg.norm(field)
+        weights = functions[voxels[e]][:, points].toarray().astype(np.float32)
+        field -= np.tensordot(weights, basis.reshape(len(points), 3, -1).astype(np.float32), (1, 0))
+        flat = field.reshape(-1, field.shape[2])
+        value, vector = np.linalg.eigh((flat.T @ flat).astype(np.float64))
+        kept = vector[:, ::-1][:, :MODES][:, value[::-1][:MODES] > (SLIGHT * size) ** 2]
+        still = np.flatnonzero(~basis.any(axis=1))
+        mode = field @ kept.astype(np.float32)
+        largest = np.abs(mode).max(axis=(0, 1), initial=0)
+        return mode / largest, _blind(largest[:, None] * (kept.T @ inverse), control.rest[points], still)
+
+    found = list(in_parallel(of_region, range(len(stiffness.points))))
+    most = max((len(share) for _, share in found), default=0)
+    mode = np.zeros((len(grid.index), 3, most), np.float32)
+    for some, (values, share) in zip(voxels, found, strict=True):
+        mode[some, :, : len(share)] = values
+    return Lifting(mode, tuple(share for _, share in found))
+
+
+def displaced(lifted: Lifting, stiffness: Stiffness, region: NDArray[np.int32], x: Array) -> Array:
+    """Return R Φ T y (n, 3, c) at rest, R = 1, for small displacements x (3k, c) of the control points."""
+    found = np.zeros((len(lifted.mode), 3, x.shape[1]))
+    for voxels, points, share in zip(members_of(region, len(lifted.share)), stiffness.points, lifted.share, strict=True):
+        found[voxels] = np.tensordot(lifted.mode[voxels, :, : len(share)], share @ x[degrees(points)], (2, 0))
+    return found
+
+
+def _blind(share: Array, rest: Array, still: NDArray[np.integer]) -> Array:
+    """T (q, 3m) without what it makes of rigid motions of all points (m, 3), held ones included.
+
+    still: the degrees of freedom of the held ones, which take it over, if there are any.
+    """
+    some = still if len(still) else np.arange(3 * len(rest))
+    turns = rigid_motions(rest, rest[some[::3] // 3].mean(axis=0), size_of(rest))
+    share = share.copy()
+    share[:, some] -= share @ turns @ np.linalg.pinv(turns[some], rcond=FLAT)
+    return share
+
+
+def _whitened(covariance: Array) -> tuple[Array, Array]:
+    """A (3m, q) and A⁺ (q, 3m) with A Aᵀ the covariance, 0 for what stands still."""
+    variance = np.diagonal(covariance)
+    moves = variance > 0
+    scale = np.sqrt(variance[moves])
+    value, vector = np.linalg.eigh(covariance[np.ix_(moves, moves)] / scale / scale[:, None])
+    kept = value > SEEN * value[-1] if len(value) else value > 0
+    root = np.sqrt(value[kept])
+    basis, inverse = np.zeros((len(moves), len(root))), np.zeros((len(root), len(moves)))
+    basis[moves] = scale[:, None] * vector[:, kept] * root
+    inverse[:, moves] = (vector[:, kept] / root).T / scale
+    return basis, inverse

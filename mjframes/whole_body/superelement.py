@@ -1,0 +1,197 @@
+"""The stiffness that the whole finite-element body shows to its frames: a superelement (in place of the paper's §5.3).
+
+Frame coordinates are moments of the true displacement u. With Φ the control weights, e = V √(E / E_max) of each voxel
+and the functionals b_j(u) = Σ_v e_v ∫ Φ_j u / V, the columns of B,
+
+    minimize ½ uᵀ A u  subject to  Bᵀ u = G x,   G = Bᵀ Φ
+    →  u = Y μ + U a,   S μ = G x − Bᵀ U a,   K = ∂²/∂x² ½ (μᵀ S μ + aᵀ D a)
+
+where A is the stiffness of the voxels, Y = A⁻¹ B while held pieces stand still, and S = Bᵀ Y. Held pieces move by
+a = H x, the rigid motions of their control points; U is how the body follows them, D their energy. A free body has
+multipliers that balance, Uᵀ B μ = 0, with U its own rigid motions, and moves by the a that is left of the constraint.
+Nothing locks, whatever the shape of the weights: K is what the finite elements resist with when the moments move. The
+exponent ½ of E is a compromise: with 0 the soft core of a sandwich hides what its skins do, 1 is blind to a soft coat.
+
+The points of a rigid frame have the moments of its rigid motions alone. To strain them, which they never are but by
+large turns, costs as much as to move them (STRAIN): a frame turned half around is not taken for one at rest.
+Index letters: j, k control point; v voxel; a corner of a voxel; m functional.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mjframes.control import ControlPoints, control_weights
+from mjframes.grid import Grid
+from mjframes.whole_body.solve import BodySolver, Response, respond
+
+Array = NDArray[np.float64]
+
+DEPENDENT = 1e-9  # [-] eigenvalue of the functionals' scaled Gram matrix below which one follows from the others
+STIFFEST = 1e-12  # [-] least eigenvalue of scaled S: what moves less is rounding, and counts as that stiff
+STRAIN = 1.0  # [-] stiffness of straining a rigid frame's points, to the mean of moving them
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+
+
+@dataclass(frozen=True, eq=False)
+class Superelement:
+    """The body condensed to k control points.
+
+    matrix: (3k, 3k) K [N/m], in volume coordinates.
+    moved: (r, 3, c) float32, c fields of displacement at r places, along the grid's axes.
+    lifting: (c, 3k); control points displaced by x [m], in volume coordinates, move the places by moved · lifting · x.
+    """
+
+    matrix: Array
+    moved: NDArray[np.float32]
+    lifting: Array
+
+
+def superelement(
+    grid: Grid, weights: sparse.csr_array, control: ControlPoints, types: Sequence[str], held: int, solver: BodySolver
+) -> Superelement:
+    """Return K of all control points, and how the body follows them.
+
+    weights: (n, f) of the frames at the voxels.  types: (f,) of the frames.  held: so many frames, the first ones, are
+    the pieces that the solver holds, in its order.
+    """
+    functionals, gram = moments(grid, weights, control, solver)
+    moving = np.flatnonzero(control.frame >= held)
+    rest = control.rest @ grid.axes
+    response = respond(solver, sparse.csc_array(functionals[:, moving]))
+    basis = frame_motions(control, types, rest, held)
+    rigid = basis @ basis.T
+    mix = _independent(gram[np.ix_(moving, moving)], frame_motions(control, types, rest, held, held)[degrees(moving)])
+    target = mix.T @ np.kron(gram[moving], np.eye(3)) @ rigid  # (m, 3k) moments of Φ x
+    if held:
+        motion = _held_motions(control, held, rest, solver)
+        multipliers, stiffness = _minimum(response, mix, target - mix.T @ response.motion_moments @ motion)
+        stiffness += motion.T @ response.motion_energy @ motion
+    else:
+        motion, multipliers, stiffness = _free_minimum(response, mix, target)
+    stiffness += _straining(stiffness, rigid)
+    turned = np.kron(np.eye(len(rest)), grid.axes.T)  # from volume coordinates to the grid's axes
+    return Superelement(
+        matrix=turned.T @ (stiffness + stiffness.T) / 2 @ turned,
+        moved=np.concatenate([response.moved, response.motions.astype(np.float32)], axis=2),
+        lifting=np.vstack([mix @ multipliers, motion]) @ turned,
+    )
+
+
+def degrees(points: NDArray[np.integer]) -> NDArray[np.int64]:
+    """(3m,) the degrees of freedom of control points (m,)."""
+    return (3 * np.asarray(points)[:, None] + np.arange(3)).ravel()
+
+
+def moments(
+    grid: Grid, weights: sparse.csr_array, control: ControlPoints, solver: BodySolver
+) -> tuple[sparse.csr_array, Array]:
+    """The functionals B (N, k) on one component of nodal displacements, and G (k, k) their values on the weights.
+
+    A voxel counts with its own extent h: a mean over it of Φ_j times a field that is linear along the axes is the mean
+    over its corners of the field times Φ_j a third of the way there. Sheets of one voxel need that.
+    """
+    e = grid.cell_volume * np.sqrt(grid.young / grid.young.max()) / 8
+    k = len(control.frame)
+    functionals = sparse.csr_array((solver.N, k))
+    gram = np.zeros((k, k))
+    for a, corner in enumerate(CORNERS):
+        step = grid.axes @ (corner * grid.spacing / 2)
+        inner = control_weights(weights, control, grid.centers + step / 3)
+        outer = control_weights(weights, control, grid.centers + step)
+        inner.data *= np.repeat(e, np.diff(inner.indptr))
+        gather = sparse.csr_array(
+            (np.ones(len(e)), (solver.element[:, a], np.arange(len(e)))), shape=(solver.N, len(e))
+        )
+        functionals = functionals + gather @ inner
+        gram += (inner.T @ outer).toarray()
+    return sparse.csr_array(functionals), gram
+
+
+def rigid_motions(points: Array, center: Array, scale: float) -> Array:
+    """(3s, 6) of points (s, 3): translations, and rotations about `center` (3,) by which a length `scale` moves by 1."""
+    motion = np.zeros((len(points), 3, 6))
+    motion[:, range(3), range(3)] = 1
+    for axis in range(3):
+        motion[:, :, 3 + axis] = np.cross(np.eye(3)[axis], (points - center) / scale)
+    return motion.reshape(-1, 6)
+
+
+def size_of(points: Array) -> float:
+    """Return the diagonal of the box around points (s, 3) [m], 1 for a single one."""
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+
+def frame_motions(control: ControlPoints, types: Sequence[str], rest: Array, held: int, first: int = 0) -> Array:
+    """(3k, q) orthonormal: what the points of the frames from `first` on can do: anything, or, where a frame is rigid
+    or one of the first `held`, its rigid motions.  rest: (k, 3), along any axes.
+    """
+    blocks = [np.zeros((3 * np.count_nonzero(control.frame < first), 0))]
+    for i in range(first, len(types)):
+        points = rest[control.frame == i]
+        if types[i] != "rigid" and i >= held:
+            blocks.append(np.eye(3 * len(points)))
+            continue
+        blocks.append(np.linalg.qr(rigid_motions(points, points.mean(axis=0), size_of(points)))[0])
+    return np.asarray(sparse.block_diag(blocks).toarray())
+
+
+def _independent(gram: Array, basis: Array) -> Array:
+    """(3j, m) combinations of the functionals of j points, orthonormal in their Gram matrix, as far as they differ."""
+    full = basis.T @ np.kron((gram + gram.T) / 2, np.eye(3)) @ basis
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(full), np.finfo(float).tiny))
+    value, vector = np.linalg.eigh(full * scale * scale[:, None])
+    kept = value > DEPENDENT * value[-1]
+    return basis @ (scale[:, None] * vector[:, kept] / np.sqrt(value[kept]))
+
+
+def _held_motions(control: ControlPoints, held: int, rest: Array, solver: BodySolver) -> Array:
+    """H (6h, 3k): the rigid motion of each held piece from the displacements of its control points.
+
+    Where one piece alone is held, the body's own motions are its motions.
+    """
+    motion = np.zeros((6 * held, 3 * len(rest)))
+    for i in range(held):
+        points = np.flatnonzero(control.frame == i)
+        field = rigid_motions(rest[points], solver.center, solver.scale)
+        motion[6 * i : 6 * i + 6, degrees(points)] = np.linalg.pinv(field)
+    return motion
+
+
+def _minimum(response: Response, mix: Array, target: Array) -> tuple[Array, Array]:
+    """μ (m, 3k) and the stiffness (3k, 3k) of reaching the moments `target` (m, 3k)."""
+    inverse = _inverse(mix.T @ response.compliance @ mix)
+    multipliers = inverse @ target
+    return multipliers, target.T @ multipliers
+
+
+def _free_minimum(response: Response, mix: Array, target: Array) -> tuple[Array, Array, Array]:
+    """a (6, 3k), μ (m, 3k) and the stiffness (3k, 3k) of a free body."""
+    push = mix.T @ response.motion_moments  # (m, 6)
+    balanced = np.linalg.svd(push, full_matrices=True)[0][:, np.linalg.matrix_rank(push) :]
+    compliance = mix.T @ response.compliance @ mix
+    inverse = balanced @ _inverse(balanced.T @ compliance @ balanced) @ balanced.T
+    multipliers = inverse @ target
+    motion = np.linalg.lstsq(push, target - compliance @ multipliers, rcond=None)[0]
+    return motion, multipliers, target.T @ multipliers
+
+
+def _inverse(compliance: Array) -> Array:
+    """Of a symmetric positive definite matrix, as far as rounding lets it be one."""
+    scale = 1 / np.sqrt(np.diagonal(compliance))
+    value, vector = np.linalg.eigh(compliance * scale * scale[:, None])
+    vector *= scale[:, None]
+    return (vector / np.maximum(value, STIFFEST * value[-1])) @ vector.T
+
+
+def _straining(stiffness: Array, rigid: Array) -> Array:
+    """The stiffness against what rigid frames cannot do."""
+    strain = np.eye(len(rigid)) - rigid
+    own = np.diagonal(rigid) * np.diagonal(stiffness)
+    return STRAIN * np.mean(own) * strain if strain.any() else strain
