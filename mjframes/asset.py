@@ -64,6 +64,8 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
         "voxels": np.array(body.voxels),
         "materials": np.array(json.dumps({label: asdict(m) for label, m in body.materials.items()})),
     }
+    if stiffness.fallback:
+        arrays["region_fallback"] = np.concatenate(stiffness.fallback)
     if body.quadrature is not None:
         arrays |= _packed_quadrature(body.quadrature)
     for name, weights in (
@@ -117,6 +119,7 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
             gradient=tuple(np.split(arrays["region_gradient"], ends)),
             matrix=triangles(arrays["region_matrix"], 3 * size),
             volume=arrays["region_volume"],
+            fallback=tuple(np.split(arrays["region_fallback"], ends)) if "region_fallback" in arrays else (),
         ),
         mass_difference=triangles(arrays["mass_difference"], size),
         mode=str(arrays["mode"]),

@@ -14,6 +14,7 @@ from mjframes.constants import FORMAT_VERSION
 from mjframes.identity import asset_key
 from mjframes.mass import uncoupled
 from mjframes.quadrature import Quadrature
+from mjframes.rotations import frame_gradients
 from mjframes.stiffness import shows_rotations
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
@@ -31,6 +32,9 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "region_size",
     "region_point",
     "region_gradient",
+    "region_fallback",
+    "frame_size",
+    "frame_gradient",
     "region_stiffness",
     "law_constants",
     "quadrature_count",
@@ -109,9 +113,22 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
         shows_rotations(gradient, rest[points])
         for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
     ]
-    return {
+    values = {
         "region_gradient": encode(np.concatenate(gradients)),
         "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix])),
+    }
+    if not stiffness.fallback:
+        return values
+    frame = body.control.frame
+    fallbacks = [gradient.copy() for gradient in stiffness.fallback]
+    for points, gradient in zip(stiffness.points, fallbacks, strict=True):
+        if gradient.any():
+            parents = frame[points] != frame[points[-1]]
+            gradient[parents] = shows_rotations(gradient[parents], rest[points[parents]])
+    return values | {
+        "region_fallback": encode(np.concatenate(fallbacks)),
+        "frame_size": encode(np.bincount(frame)),
+        "frame_gradient": encode(frame_gradients(rest, frame)),
     }
 
 

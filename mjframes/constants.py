@@ -1,6 +1,6 @@
 """Constants of the precomputation; each carries its unit and its reason."""
 
-FORMAT_VERSION = 2  # of saved soft bodies and of the plugin's configuration; a plugin refuses any other
+FORMAT_VERSION = 3  # of saved soft bodies and of the plugin's configuration; a plugin refuses any other
 VOLUME_VERSION = 1  # of saved volumes
 
 RIGID_YOUNG = 1e10  # [Pa] cortical bone: an upper bound of what keeps an affine frame in a rigid material rigid

@@ -26,7 +26,7 @@ from mjframes.errors import MjframesError
 from mjframes.fields import EVEN
 from mjframes.grid import Grid, evened, voxel_grid
 from mjframes.hyperelastic import HyperelasticRegion
-from mjframes.mechanics import CorotationalRegion, closest_rotation
+from mjframes.mechanics import CorotationalRegion
 from mjframes.stiffness import shows_rotations
 from mjframes.surfaces import closest_voxels, voxel_shares
 
@@ -81,7 +81,7 @@ class MaterialPoints:
             region, lam, mu = regions[group.region], *self.constants[group.rows, :2].T
             assert isinstance(region, CorotationalRegion)
             own = x[group.points] - x[group.points].mean(axis=0)  # far from the origin digits would be lost
-            R = closest_rotation(own.T @ region.gradient)
+            R = region.rotation(own)
             y = own @ R - (region.rest - region.rest.mean(axis=0))
             slope = np.einsum("jr,nja->nra", y, group.gradient)
             strain = 0.5 * (slope + slope.transpose(0, 2, 1))

@@ -30,14 +30,19 @@ SHARE = 1 << 15  # [voxels] that one thread sums up at a time
 class Stiffness:
     """Of r regions; m is the number of a region's control points.
 
-    points: (m,) control points of each, ancestors in the tree first.  gradient: (m, 3) mean of ∇W_j by E dV [1/m].
-    matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.  volume: (r,) [m³].
+    points: (m,) control points of each, ancestors in the tree first.
+    gradient: (m, 3) ḡ_j that show how it is turned [1/m]: mean of ∇W_j by E dV, or as in rotations.py.
+    matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
+    volume: (r,) [m³].
+    fallback: (m, 3) ĝ_j that turn it where its frames disagree (mechanics.py), 0 for regions without [1/m]; empty where
+    all are.
     """
 
     points: tuple[NDArray[np.int64], ...]
     gradient: tuple[NDArray[np.float64], ...]
     matrix: tuple[NDArray[np.float64], ...]
     volume: NDArray[np.float64]
+    fallback: tuple[NDArray[np.float64], ...] = ()
 
     @property
     def spectrum(self) -> tuple[NDArray[np.float64], ...]:

@@ -20,7 +20,7 @@ from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.identity import asset_key, recall
 from mjframes.laws import law_of_constants
 from mjframes.material_points import MaterialPoints, material_points
-from mjframes.mechanics import CorotationalRegion
+from mjframes.mechanics import CorotationalRegion, Fallback
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,11 @@ class Soft:
         if self.configuration["law"] == "corotational":
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
-            parts = zip(self._points, gradients, matrices, strict=True)
-            return [CorotationalRegion(points, self.rest[points], g, matrix) for points, g, matrix in parts]
+            parts = zip(self._points, gradients, matrices, self._fallbacks, strict=True)
+            return [
+                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback)
+                for points, gradient, matrix, fallback in parts
+            ]
         constants = decode(self.configuration["law_constants"]).reshape(-1, 3)
         laws = tuple(law_of_constants(self.configuration["law"], some) for some in constants.tolist())
         count = decode(self.configuration["quadrature_count"]).astype(int)
@@ -67,6 +70,20 @@ class Soft:
         return [
             HyperelasticRegion(points, gradient.reshape(-1, len(points), 3), volume, material, laws)
             for points, gradient, volume, material in zip(self._points, gradients, volumes, materials, strict=True)
+        ]
+
+    @property
+    def _fallbacks(self) -> list[Fallback | None]:
+        """Of each region, None for those that have none."""
+        if "region_fallback" not in self.configuration:
+            return [None] * len(self._sizes)
+        gradients = np.split(decode(self.configuration["region_fallback"]).reshape(-1, 3), self._ends)
+        own = decode(self.configuration["frame_gradient"]).reshape(-1, 3)
+        size = decode(self.configuration["frame_size"]).astype(int)
+        frame = np.repeat(np.arange(len(size)), size)
+        return [
+            Fallback(gradient, own[points], frame[points]) if gradient.any() else None
+            for points, gradient in zip(self._points, gradients, strict=True)
         ]
 
     @cached_property

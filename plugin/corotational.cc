@@ -1,19 +1,47 @@
 #include "corotational.h"
 
+#include <algorithm>
+
 #include "rotation.h"
 
 namespace mjframes {
+namespace {
+
+// F += a bᵀ
+void AddOuter(const Vec3& a, const Vec3& b, Mat3* F) {
+  for (int e = 0; e < 9; e++) (*F)[e] += a[e / 3] * b[e % 3];
+}
+
+// Σ_j x_j g_jᵀ
+Mat3 GradientOf(const Region& region, const Vec3* x, const std::vector<Vec3>& g) {
+  Mat3 F{};
+  for (int j = 0; j < region.size(); j++) AddOuter(x[region.point[j]], g[j], &F);
+  return F;
+}
+
+// θ, for R₀ᵀ and the region's own F.
+double Trust(const Region& region, const Vec3* x, const Mat3& back, const Mat3& F) {
+  double least = std::min(kAgreeing, SmallestEigenvalue(Mul(back, F)));
+  int j = 0;
+  for (const int32_t end : region.frame_end) {
+    Mat3 of_frame{};
+    for (; j < end; j++) AddOuter(x[region.point[j]], region.own[j], &of_frame);
+    least = std::min(least, SmallestEigenvalue(Mul(back, of_frame)));
+  }
+  return TrustOf(least);
+}
+
+}  // namespace
 
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
-  Mat3 F{};
-  for (int j = 0; j < region.size(); j++) {
-    const Vec3& xj = x[region.point[j]];
-    const Vec3& g = region.gradient[j];
-    for (int r = 0; r < 3; r++) {
-      for (int c = 0; c < 3; c++) F[3 * r + c] += xj[r] * g[c];
-    }
-  }
-  return ClosestRotation(F, guess);
+  Mat3 F = GradientOf(region, x, region.gradient);
+  const Mat3 R = ClosestRotation(F, guess);
+  if (region.fallback.empty()) return R;
+  const double theta = Trust(region, x, Transpose(R), F);
+  if (theta == 1) return R;
+  const Mat3 parents = GradientOf(region, x, region.fallback);
+  for (int e = 0; e < 9; e++) F[e] = theta * F[e] + (1 - theta) * parents[e];
+  return ClosestRotation(F, R);
 }
 
 double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R) {

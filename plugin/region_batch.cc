@@ -11,8 +11,13 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   const size_t blocks = static_cast<size_t>(m) * (m + 1) / 2;
   batch.point.assign(kWideLanes * static_cast<size_t>(m), 0);
   batch.present.assign(kWideLanes * static_cast<size_t>(m), 0);
+  batch.shows = batch.present;
   batch.rest.assign(kWideLanes * 3 * static_cast<size_t>(m), 0);
   batch.gradient = batch.rest;
+  if (std::any_of(regions.begin(), regions.end(), [](const Region* region) { return !region->fallback.empty(); })) {
+    batch.fallback = batch.own = batch.rest;
+    batch.ends = batch.present;
+  }
   batch.stiffness.assign(kWideLanes * 9 * blocks, 0);
   batch.pair.assign(kWideLanes * blocks, -1);
   for (int lane = 0; lane < kWideLanes; lane++) {
@@ -20,14 +25,19 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
     const bool filled = lane < static_cast<int>(regions.size());
     const Region& region = *regions[filled ? lane : 0];
     batch.inverse_size[lane] = 1.0 / region.size();
-    batch.inverse_extent[lane] = region.inverse_extent;
     batch.enlargement[lane] = region.enlargement;
+    batch.falls_back[lane] = !region.fallback.empty();
     for (int j = 0, block = 0; j < region.size(); j++) {
       batch.point[kWideLanes * j + lane] = region.point[j];
       batch.present[kWideLanes * j + lane] = 1;
+      batch.shows[kWideLanes * j + lane] = j < region.shows;
       for (int r = 0; r < 3; r++) {
         batch.rest[kWideLanes * (3 * j + r) + lane] = region.rest[j][r];
         batch.gradient[kWideLanes * (3 * j + r) + lane] = region.gradient[j][r];
+      }
+      for (int r = 0; r < 3 && !region.fallback.empty(); r++) {
+        batch.fallback[kWideLanes * (3 * j + r) + lane] = region.fallback[j][r];
+        batch.own[kWideLanes * (3 * j + r) + lane] = region.own[j][r];
       }
       for (int k = 0; filled && k <= j; k++, block++) {
         batch.pair[kWideLanes * block + lane] = region.pair[block];
@@ -37,6 +47,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
         }
       }
     }
+    for (const int32_t end : region.frame_end) batch.ends[kWideLanes * (end - 1) + lane] = 1;
   }
   return batch;
 }
@@ -46,6 +57,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 BatchScratch::BatchScratch(int max_points) {
   const size_t lanes = kWideLanes * static_cast<size_t>(max_points);
   z.resize(3 * lanes);
+  gradient.resize(3 * lanes);
   h.resize(3 * lanes);
   product.resize(12 * lanes);
   g.resize(9 * lanes);

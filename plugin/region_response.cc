@@ -11,9 +11,16 @@
 namespace mjframes {
 namespace {
 
-// Below this smallest eigenvalue of H the rotation is ill determined (flattened or inverted region) and a
-// rotation fitted to the shape takes over, weighted by λ = (kSoftTwist − h_min) / kSoftTwist; at rest h_min = 2.
-constexpr double kSoftTwist = 0.1;  // [-]
+// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape turns
+// as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f is not
+// the exact gradient anyway, and steps along rotations that are not well determined overshoot:
+// soft = θ kSoftTwist + (1 − θ) kSoftTwistApart.
+constexpr double kSoftTwist = 0.1;       // [-]
+constexpr double kSoftTwistApart = 1.0;  // [-] half of what it is at rest
+
+// [-] of the sum of a shape's second moments: along a direction in which it reaches less far it does not show its turn.
+constexpr double kFlat = 1e-3;
+constexpr double kTiny = 1e-15;  // [m²] the same of a region that one point moves
 
 // [-] of A Z. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 constexpr double kSingular = 1e-8;
@@ -52,9 +59,9 @@ struct Half {
   }
 };
 
-// z_j = Rᵀ x_j centred, and R.
+// z_j = Rᵀ x_j centred, R, and S = Rᵀ F, for the regions' own gradients.
 template <typename V>
-MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R) {
+MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R, V* S) {
   const RegionBatch& batch = half.batch;
   double* z = scratch->z.data();
   V mean[3] = {}, F[9] = {};
@@ -70,6 +77,7 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
     }
   }
   FollowRotation(F, R);
+  MulT3(R, F, S);
   // centred: positions far from the origin would cost digits, translations carry no energy
   for (V& m : mean) m *= Load<V>(batch.inverse_size + half.first);
   for (int j = 0; j < batch.size; j++) {
@@ -80,38 +88,126 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
   }
 }
 
-// λ of each region.
+// least = min(least, λ_min(sym S)) in the lanes that count, of those below kAgreeing.
 template <typename V>
-MJFRAMES_INLINE V SoftTwist(const Half<V>& half, const double* z) {
-  V S[9] = {};
-  for (int j = 0; j < half.batch.size; j++) {
-    for (int e = 0; e < 9; e++) {
-      S[e] += half.Of(z, 3 * j + e / 3) * half.Of(half.batch.gradient.data(), 3 * j + e % 3);
+MJFRAMES_INLINE void Lower(const V* S, const Mask<V>& counts, V* least) {
+  const auto disagrees = counts && !EigenvaluesExceed(S, Fill<V>(kAgreeing));
+  if (!Any<V>(disagrees)) return;
+  for (int lane = 0; lane < kWidth<V>; lane++) {
+    if (disagrees[lane]) (*least)[lane] = std::min((*least)[lane], SmallestEigenvalue(LaneOf(S, lane)));
+  }
+}
+
+// θ of each region; z and S: for its own gradients.
+template <typename V>
+MJFRAMES_INLINE V Trust(const Half<V>& half, const double* z, const V* S) {
+  const RegionBatch& batch = half.batch;
+  V least = Fill<V>(kAgreeing), of_frame[9] = {};
+  Lower(S, Load<V>(batch.falls_back + half.first) > 0.0, &least);
+  for (int j = 0; j < batch.size; j++) {
+    for (int e = 0; e < 9; e++) of_frame[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.own.data(), 3 * j + e % 3);
+    const auto ends = half.Of(batch.ends.data(), j) > 0.0;
+    if (!Any<V>(ends)) continue;
+    Lower(of_frame, ends, &least);
+    for (V& s : of_frame) s = ends ? V{} : s;
+  }
+  return TrustOf(least);
+}
+
+// For regions with θ < 1: g = θ ḡ + (1 − θ) ĝ, and R, z and S of that; the others keep what they have.
+template <typename V>
+MJFRAMES_INLINE void FallBack(const Half<V>& half, const V& theta, BatchScratch* scratch, V* R, V* S) {
+  const RegionBatch& batch = half.batch;
+  double* z = scratch->z.data();
+  V F[9] = {};  // seen from R, as z is
+  for (int j = 0; j < batch.size; j++) {
+    for (int c = 0; c < 3; c++) {
+      const V g =
+          theta * half.Of(batch.gradient.data(), 3 * j + c) + (1.0 - theta) * half.Of(batch.fallback.data(), 3 * j + c);
+      for (int r = 0; r < 3; r++) F[3 * r + c] += half.Of(z, 3 * j + r) * g;
+      half.Put(g, scratch->gradient.data(), 3 * j + c);
     }
   }
-  S[1] = S[3] = 0.5 * (S[1] + S[3]);
-  S[2] = S[6] = 0.5 * (S[2] + S[6]);
-  S[5] = S[7] = 0.5 * (S[5] + S[7]);
-  V lambda = {};
+  V turn[9], turned[9], stretch[9];
+  for (int e = 0; e < 9; e++) turn[e] = Fill<V>(kIdentity[e]);
+  FollowRotation(F, turn);
+  MulT3(turn, F, stretch);
+  Mul3(R, turn, turned);
+  const auto changes = theta < 1.0;
+  for (int e = 0; e < 9; e++) {
+    R[e] = changes ? turned[e] : R[e];
+    S[e] = changes ? stretch[e] : S[e];
+    turn[e] = changes ? turn[e] : Fill<V>(kIdentity[e]);
+  }
+  for (int j = 0; j < batch.size; j++) {
+    V at[3];
+    for (int r = 0; r < 3; r++) at[r] = half.Of(z, 3 * j + r);
+    for (int r = 0; r < 3; r++) half.Put(turn[r] * at[0] + turn[3 + r] * at[1] + turn[6 + r] * at[2], z, 3 * j + r);
+  }
+}
+
+// λ of each region.
+template <typename V>
+MJFRAMES_INLINE V SoftTwist(const V* S, const V& theta) {
+  const V soft = theta * kSoftTwist + (1.0 - theta) * kSoftTwistApart;
+  const V trace = S[0] + S[4] + S[8];
+  V H[9], lambda = {};
+  for (int e = 0; e < 9; e++) H[e] = e % 4 == 0 ? trace - S[e] : -S[e];
+  const auto firm = EigenvaluesExceed(H, soft);
+  if (All<V>(firm)) return lambda;
   for (int lane = 0; lane < kWidth<V>; lane++) {
-    const Mat3 one = LaneOf(S, lane);
-    if (!TwistExceeds(one, kSoftTwist)) lambda[lane] = std::max(0.0, kSoftTwist - SmallestTwist(one)) / kSoftTwist;
+    if (!firm[lane]) lambda[lane] = std::max(0.0, soft[lane] - SmallestEigenvalue(LaneOf(H, lane))) / soft[lane];
   }
   return lambda;
 }
 
-// h_j = ḡ_j + 2 λ z_j / Σ|x̄|² and (A Z)⁻¹, A Z = Σ_j (h_j·z_j) I − z_j h_jᵀ.
+// Adds λ N (z_j − c) to h over the points that show how the shape turns, N = (Σ_j (z_j − c)(z_j − c)ᵀ)⁻¹ and c their
+// mean: gradients of the shape as it is now.
 template <typename V>
-MJFRAMES_INLINE void Constrain(const Half<V>& half, BatchScratch* scratch, V* inverse) {
+MJFRAMES_INLINE void AddShapeGradient(const Half<V>& half, const V& lambda, BatchScratch* scratch) {
+  const RegionBatch& batch = half.batch;
   const double* z = scratch->z.data();
-  const V weight = 2.0 * SoftTwist(half, z) * Load<V>(half.batch.inverse_extent + half.first);
+  V count = {}, mean[3] = {}, moment[9] = {}, N[9];
+  for (int j = 0; j < batch.size; j++) {
+    const V shows = half.Of(batch.shows.data(), j);
+    count += shows;
+    for (int r = 0; r < 3; r++) mean[r] += shows * half.Of(z, 3 * j + r);
+  }
+  for (V& m : mean) m /= count;
+  for (int j = 0; j < batch.size; j++) {
+    const V shows = half.Of(batch.shows.data(), j);
+    V d[3];
+    for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
+    for (int e = 0; e < 9; e++) moment[e] += shows * d[e / 3] * d[e % 3];
+  }
+  const V floor = kFlat * (moment[0] + moment[4] + moment[8]) + kTiny;
+  for (int e = 0; e < 9; e += 4) moment[e] += floor;
+  const V determinant = Adjugate(moment, N);
+  for (int j = 0; j < batch.size; j++) {
+    const V weight = half.Of(batch.shows.data(), j) * lambda / determinant;
+    V d[3];
+    for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
+    for (int r = 0; r < 3; r++) {
+      const V h = N[3 * r] * d[0] + N[3 * r + 1] * d[1] + N[3 * r + 2] * d[2];
+      half.Put(half.Of(scratch->h.data(), 3 * j + r) + weight * h, scratch->h.data(), 3 * j + r);
+    }
+  }
+}
+
+// h_j = g_j, the gradients that R is made of, and what λ adds, and (A Z)⁻¹, A Z = Σ_j (h_j·z_j) I − z_j h_jᵀ.
+template <typename V>
+MJFRAMES_INLINE void Constrain(const Half<V>& half, const double* g, const V& theta, const V* S, BatchScratch* scratch,
+                               V* inverse) {
+  const double* z = scratch->z.data();
+  for (int e = 0; e < 3 * half.batch.size; e++) half.Put(half.Of(g, e), scratch->h.data(), e);
+  const V lambda = SoftTwist(S, theta);
+  if (Any<V>(lambda > 0.0)) AddShapeGradient(half, lambda, scratch);
   V AZ[9] = {};
   for (int j = 0; j < half.batch.size; j++) {
     V zj[3], h[3];
     for (int r = 0; r < 3; r++) {
       zj[r] = half.Of(z, 3 * j + r);
-      h[r] = half.Of(half.batch.gradient.data(), 3 * j + r) + weight * zj[r];
-      half.Put(h[r], scratch->h.data(), 3 * j + r);
+      h[r] = half.Of(scratch->h.data(), 3 * j + r);
     }
     const V hz = h[0] * zj[0] + h[1] * zj[1] + h[2] * zj[2];
     for (int e = 0; e < 9; e++) AZ[e] -= zj[e / 3] * h[e % 3];
@@ -231,10 +327,12 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
   }
 }
 
-// R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
+// (2 − θ) R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, double* stiffness,
-                                  double* held) {
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& theta, const BatchScratch& scratch,
+                                  double* stiffness, double* held) {
+  V scaled[9];
+  for (int e = 0; e < 9; e++) scaled[e] = (2.0 - theta) * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
@@ -255,7 +353,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchSc
                              (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
         }
       }
-      Mul3(R, block, left);
+      Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
         const V* axis = R + e % 3 * 3;
@@ -274,16 +372,25 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
                                 double* stiffness, double* held) {
   for (int first = 0; first < kWideLanes; first += kWidth<V>) {
     const Half<V> half{batch, first};
-    V R[9], inverse[9];
+    V R[9], S[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
-    Unturn(half, x, scratch, R);
+    Unturn(half, x, scratch, R, S);
     for (int e = 0; e < 9; e++) half.Put(R[e], scratch->rotation, e);
-    Constrain(half, scratch, inverse);
+    const double* gradient = batch.gradient.data();
+    V theta = Fill<V>(1);
+    if (!batch.fallback.empty()) {
+      theta = Trust(half, scratch->z.data(), S);
+      if (Any<V>(theta < 1.0)) {
+        FallBack(half, theta, scratch, R, S);
+        gradient = scratch->gradient.data();
+      }
+    }
+    Constrain(half, gradient, theta, S, scratch, inverse);
     Multiply(half, scratch);
     AddForce(half, R, inverse, *scratch, force);
     if (!stiffness) continue;
     Correct(half, inverse, scratch);
-    AddStiffness(half, R, *scratch, stiffness, held);
+    AddStiffness(half, R, theta, *scratch, stiffness, held);
   }
 }
 

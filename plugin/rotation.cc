@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace mjframes {
 namespace {
@@ -103,23 +104,15 @@ Mat3 ClosestRotation(const Mat3& F, const Mat3& guess) {
   return Refine(F, scale, &refined) ? refined : R;
 }
 
-bool TwistExceeds(const Mat3& S, double bound) {
-  // H − bound I is positive definite: its leading minors are positive
-  const double trace = S[0] + S[4] + S[8] - bound;
-  const Mat3 H = {trace - S[0], -S[1], -S[2], -S[3], trace - S[4], -S[5], -S[6], -S[7], trace - S[8]};
-  return H[0] > 0 && H[0] * H[4] - H[1] * H[3] > 0 && Det(H) > 0;
-}
-
-double SmallestTwist(const Mat3& S) {
-  // tr(S) minus the largest eigenvalue of S, by the trigonometric formula for symmetric 3×3 matrices
+double SmallestEigenvalue(const Mat3& S) {
+  // the trigonometric formula for symmetric 3×3 matrices
   const double mean = (S[0] + S[4] + S[8]) / 3;
   const double a = S[0] - mean, b = S[4] - mean, c = S[8] - mean;
-  const double off = S[1] * S[1] + S[2] * S[2] + S[5] * S[5];
-  const double p = std::sqrt((a * a + b * b + c * c + 2 * off) / 6);
-  if (!(p > 0)) return 2 * mean;
-  const double r = Det({a, S[1], S[2], S[1], b, S[5], S[2], S[5], c}) / (2 * p * p * p);
-  const double largest = mean + 2 * p * std::cos(std::acos(std::clamp(r, -1.0, 1.0)) / 3);
-  return 3 * mean - largest;
+  const double xy = 0.5 * (S[1] + S[3]), xz = 0.5 * (S[2] + S[6]), yz = 0.5 * (S[5] + S[7]);
+  const double p = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
+  if (!(p > 0)) return mean;
+  const double r = Det({a, xy, xz, xy, b, yz, xz, yz, c}) / (2 * p * p * p);
+  return mean + 2 * p * std::cos((std::acos(std::clamp(r, -1.0, 1.0)) + 2 * std::numbers::pi) / 3);
 }
 
 }  // namespace mjframes

@@ -19,11 +19,14 @@ inline constexpr double kMinTwist = 1e-6;    // [-] relative to |F|: below, Newt
 // in rounding, and on a set of measure zero (F with no unique closest rotation).
 Mat3 ClosestRotation(const Mat3& F, const Mat3& guess);
 
-// Smallest eigenvalue of H = tr(S) I − S for the symmetric S (row major): how firmly F determines R.
-double SmallestTwist(const Mat3& S);
+// H = tr(S) I − S for S = Rᵀ F: its smallest eigenvalue says how firmly F determines R.
+inline Mat3 TwistMatrix(const Mat3& S) {
+  const double trace = S[0] + S[4] + S[8];
+  return {trace - S[0], -S[1], -S[2], -S[3], trace - S[4], -S[5], -S[6], -S[7], trace - S[8]};
+}
 
-// Whether that is larger than `bound`, which takes no trigonometry.
-bool TwistExceeds(const Mat3& S, double bound);
+// Smallest eigenvalue of the symmetric part of S (row major).
+double SmallestEigenvalue(const Mat3& S);
 
 }  // namespace mjframes
 

@@ -9,10 +9,27 @@
 namespace mjframes {
 
 template <typename V>
-MJFRAMES_INLINE bool All(const V& mask) {
-  bool all = true;
-  for (size_t lane = 0; lane < sizeof(V) / sizeof(mask[0]); lane++) all = all && mask[lane];
-  return all;
+using Mask = decltype(V{} < V{});  // of lanes, all bits set where true
+
+template <typename V>
+MJFRAMES_INLINE bool Any(const Mask<V>& mask) {
+  bool any = false;
+  for (int lane = 0; lane < kWidth<V>; lane++) any = any || mask[lane];
+  return any;
+}
+
+template <typename V>
+MJFRAMES_INLINE bool All(const Mask<V>& mask) {
+  return !Any<V>(!mask);
+}
+
+// Whether the symmetric part of S has no eigenvalue below `bound`: the leading minors of it − bound I are positive.
+template <typename V>
+MJFRAMES_INLINE Mask<V> EigenvaluesExceed(const V* S, const V& bound) {
+  const V a = S[0] - bound, b = S[4] - bound, c = S[8] - bound;
+  const V xy = 0.5 * (S[1] + S[3]), xz = 0.5 * (S[2] + S[6]), yz = 0.5 * (S[5] + S[7]);
+  const V minor2 = a * b - xy * xy;
+  return a > 0.0 && minor2 > 0.0 && c * minor2 + xz * (2.0 * xy * yz - b * xz) - a * yz * yz > 0.0;
 }
 
 // Rotations closest to F by Newton's iteration from R, see rotation.cc; lanes where it fails start anew.
@@ -22,7 +39,7 @@ MJFRAMES_INLINE void FollowRotation(const V* F, V* R) {
   for (int e = 1; e < 9; e++) scale = scale > Abs(F[e]) ? scale : Abs(F[e]);
   const V floor = kMinTwist * scale;
   auto good = scale > 0.0, close = scale < 0.0;
-  for (int step = 0; step < kRotationSteps && !All(close || !good); step++) {
+  for (int step = 0; step < kRotationSteps && !All<V>(close || !good); step++) {
     V S[9], adjugate[9];
     MulT3(R, F, S);
     const V trace = S[0] + S[4] + S[8];

@@ -13,7 +13,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "2";  // of the configuration; a model written by another version is refused
+constexpr char kVersion[] = "3";  // of the configuration; a model written by another version is refused
 
 constexpr const char* kAttributes[] = {
     "version",  //
@@ -30,6 +30,9 @@ constexpr const char* kAttributes[] = {
     "region_size",
     "region_point",
     "region_gradient",
+    "region_fallback",
+    "frame_size",
+    "frame_gradient",  // of each frame's own points [1/m]  (k × 3)
     "region_stiffness",
     "law_constants",      // of each material            (materials × 3)
     "quadrature_count",   // of each region
@@ -104,12 +107,66 @@ std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>*
   return couplings;
 }
 
+// What regions with a second choice of gradients need to know of the body's frames.
+struct FrameGradients {
+  std::vector<int32_t> size;   // control points of each frame
+  std::vector<int32_t> frame;  // of each control point         (k)
+  std::vector<Vec3> own;       // g°_j [1/m]                     (k)
+};
+
+std::vector<Vec3> Vectors(const std::vector<double>& values, size_t first, size_t count) {
+  std::vector<Vec3> vectors(count);
+  for (size_t e = 0; e < 3 * count; e++) vectors[e / 3][e % 3] = values[3 * first + e];
+  return vectors;
+}
+
+FrameGradients ReadFrameGradients(size_t points, Reader* reader) {
+  constexpr char kMismatch[] = "its frame arrays do not match its control points";
+  FrameGradients frames;
+  frames.size = reader->Array<int32_t>("frame_size");
+  const auto own = reader->Array<double>("frame_gradient");
+  for (size_t i = 0; i < frames.size.size(); i++) {
+    const size_t size = std::max(frames.size[i], 0);
+    if (!reader->Check(size > 0 && frames.frame.size() + size <= points, kMismatch)) return {};
+    frames.frame.insert(frames.frame.end(), size, static_cast<int32_t>(i));
+  }
+  if (!reader->Check(frames.frame.size() == points && own.size() == 3 * points, kMismatch)) return {};
+  frames.own = Vectors(own, 0, points);
+  return frames;
+}
+
+// ĝ of a region, none where that is zero, with its frames' own gradients.
+void AddFallback(const FrameGradients& frames, const std::vector<Vec3>& fallback, Region* region, Reader* reader) {
+  if (std::all_of(fallback.begin(), fallback.end(), [](const Vec3& g) { return g == Vec3{}; })) return;
+  region->fallback = fallback;
+  region->shows -= frames.size[frames.frame[region->point.back()]];
+  for (int j = 0; j < region->size();) {
+    const int32_t frame = frames.frame[region->point[j]];
+    const int end = j + frames.size[frame];
+    bool whole = end <= region->size(), turns = false;
+    for (; whole && j < end; j++) {
+      whole = frames.frame[region->point[j]] == frame;
+      region->own.push_back(frames.own[region->point[j]]);
+      turns = turns || region->own.back() != Vec3{};
+    }
+    if (!reader->Check(whole, "a region has not all control points of a frame")) return;
+    if (turns) region->frame_end.push_back(end);
+  }
+}
+
 // Law `corotational`.
 std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const std::vector<ControlPoint>& points,
                                 Reader* reader) {
   const auto gradient = reader->Array<double>("region_gradient");
   const auto stiffness = reader->Array<double>("region_stiffness");
   const auto enlargement = reader->ArrayOr<double>("region_enlargement", 1, couplings.size());
+  std::vector<double> fallback;
+  FrameGradients frames;
+  if (reader->Has("region_fallback")) {
+    fallback = reader->Array<double>("region_fallback");
+    frames = ReadFrameGradients(points.size(), reader);
+    reader->Check(fallback.size() == gradient.size(), "its region arrays do not match each other");
+  }
   if (!reader->ok()) return {};
   size_t p = 0, s = 0;
   std::vector<Region> regions;
@@ -127,13 +184,11 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     region.enlargement = enlargement[regions.size()];
     Vec3 mean{};
     for (const int32_t j : region.point) mean = mean + (1.0 / m) * points[j].rest;
-    double extent = 0;
-    for (int j = 0; j < m; j++) {
-      region.rest.push_back(points[region.point[j]].rest - mean);
-      region.gradient.push_back({gradient[3 * (p + j)], gradient[3 * (p + j) + 1], gradient[3 * (p + j) + 2]});
-      extent += Dot(region.rest[j], region.rest[j]);
-    }
-    region.inverse_extent = 1 / std::max(extent, mjMINVAL);
+    region.gradient = Vectors(gradient, p, m);
+    region.shows = m;
+    if (!fallback.empty()) AddFallback(frames, Vectors(fallback, p, m), &region, reader);
+    if (!reader->ok()) return {};
+    for (int j = 0; j < m; j++) region.rest.push_back(points[region.point[j]].rest - mean);
     region.stiffness.resize(n * n);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {

@@ -216,15 +216,32 @@ def distorted(rest: np.ndarray, rng: np.random.Generator, size: float = 0.3, mir
     return middle + extent * crumpled @ turn
 
 
+def turned_over(x: np.ndarray, frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """x (k, 3) with the points of some of the frames (k,), any but all, mirrored at the frame's middle."""
+    moved = x.copy()
+    for i in rng.permutation(frame.max() + 1)[: rng.integers(1, frame.max() + 1)]:
+        moved[frame == i] = 2 * x[frame == i].mean(axis=0) - x[frame == i]
+    return moved
+
+
 def distort(
-    model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, speed: float = 0.0, mirrored: bool = False
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    rng: np.random.Generator,
+    speed: float = 0.0,
+    mirrored: bool = False,
+    over: bool = False,
 ) -> None:
-    """A random state of every soft body, with random velocities of all degrees of freedom [m/s]; calls mj_forward."""
+    """A random state of every soft body, with random velocities of all degrees of freedom [m/s]; calls mj_forward.
+
+    mirrored: all of it.  over: some of its frames, each for itself.
+    """
     mujoco.mj_resetData(model, data)
     mujoco.mj_kinematics(model, data)
     for name in soft_names(model):
         view = soft(model, data, name)
-        move_points(model, data, view, distorted(view.control_positions, rng, mirrored=mirrored))
+        x = distorted(view.control_positions, rng, mirrored=mirrored)
+        move_points(model, data, view, turned_over(x, view.body.control.frame, rng) if over else x)
     data.qvel[:] = speed * rng.normal(size=model.nv)
     mujoco.mj_forward(model, data)
 
@@ -252,12 +269,17 @@ def check_implicit_step(
 
 
 def check_slope_of_energy(
-    model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, angle: float, states: int
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    rng: np.random.Generator,
+    angle: float,
+    states: int,
+    length: float = 0.02,
 ) -> None:
     """In random states at rest qfrc_passive is minus the slope of the elastic energy of `soft0`, to 1e-6."""
     view = soft(model, data, "soft0")
     for _ in range(states):
-        jumble(model, data, rng, 0.02, angle)
+        jumble(model, data, rng, length, angle)
         force, start = data.qfrc_passive.copy(), data.qpos.copy()
         direction, energy = rng.normal(size=model.nv), []
         for step in (1e-6, -1e-6):
