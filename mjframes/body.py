@@ -200,7 +200,9 @@ def build(
     if method == PAPER or law != COROTATIONAL:
         samples = SAMPLES if samples is None else samples
         if error is not None:
-            raise MjframesError(f"error is {error!r}, but only the corotational whole body knows its error; give frames.")
+            raise MjframesError(
+                f"error is {error!r}, but only the corotational whole body knows its error; give frames."
+            )
     elif samples is not None:
         raise MjframesError(
             f"samples is {samples!r}, but the whole body's stiffness has one region a frame; leave it out, or choose "

@@ -18,7 +18,6 @@ from mjframes.material import Material
 from mjframes.volume import Volume
 from mjframes.whole_body.lifting import Lifting
 
-
 EVEN, COMPLIANCE = "even", "compliance"  # geodesic distance within the body, and the paper's (5)
 
 

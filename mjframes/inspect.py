@@ -199,7 +199,9 @@ def _frames(body: SoftBody, grid: Grid) -> Picture:
     if (grid.piece >= 0).any():
         legend.append(("rigid", (*RIGID_GLASS, 1.0)))
     marks = (samples, _frame_marks(body, grid))
-    return Picture("frames", "Frames, and the centres of the regions", None, name_list(legend), _middle(grid), marks=marks)
+    return Picture(
+        "frames", "Frames, and the centres of the regions", None, name_list(legend), _middle(grid), marks=marks
+    )
 
 
 def _error(body: SoftBody, error: NDArray[np.float64], grid: Grid) -> Picture:

@@ -100,9 +100,7 @@ def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np
     return label, weights[first].toarray() > 0
 
 
-def fit_errors(
-    grid: Grid, weights: sparse.csr_array, label: NDArray[np.int32], regions: int
-) -> NDArray[np.float64]:
+def fit_errors(grid: Grid, weights: sparse.csr_array, label: NDArray[np.int32], regions: int) -> NDArray[np.float64]:
     """Return `Regions.fit_error` (r,) of weights (n, f) in the regions (n,) of the voxels, 0 in empty ones."""
     parts = (_part(grid, weights, voxels) if len(voxels) else None for voxels in members_of(label, regions))
     return np.array([part.fit_error if part else 0.0 for part in parts])

@@ -50,9 +50,7 @@ class Stiffness:
         return tuple(np.asarray(np.linalg.eigvalsh(matrix), np.float64) for matrix in self.matrix)
 
 
-def region_stiffness(
-    grid: Grid, shapes: ShapeFunctions, regions: Regions, tree: Tree
-) -> Stiffness:
+def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree: Tree) -> Stiffness:
     """Stiffness matrix and mean gradients of every region, at rest."""
     weights, control = shapes.weights, shapes.control
     rank = np.argsort(tree.order)

@@ -21,7 +21,7 @@ from mjframes.cache import cached
 from mjframes.errors import MjframesError
 from mjframes.report.bricks import Bricks, at_centers, bricks, internal_force, linear_stiffness, nodal_load
 from mjframes.report.cases import Case, all_cases
-from mjframes.whole_body.superelement import rigid_motions, size_of
+from mjframes.rigid import rigid_motions, size_of
 
 Array = NDArray[np.float64]
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.finite_elements.displacements import displacements
+from mjframes.finite_elements.solver import BodySolver, body_solver
 from mjframes.grid import Grid
 from mjframes.regions import frame_sets
 from mjframes.shape_functions import ShapeFunctions
@@ -20,7 +22,6 @@ from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
 from mjframes.whole_body.regions import regions_of
 from mjframes.whole_body.selection import families, select
-from mjframes.whole_body.solve import BodySolver, displacements
 from mjframes.whole_body.superelement import superelement
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ class WholeBody:
 
 def finite_elements(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> FiniteElements:
     """Return the finite elements on the voxels, of which `cores` are held."""
-    solver, cases = BodySolver(grid, cores), load_cases(grid, cores)
+    solver, cases = body_solver(grid, cores), load_cases(grid, cores)
     moved = displacements(solver, np.einsum("ba,vbc->vac", grid.axes, cases.force))
     return FiniteElements(solver, len(cores), cases, np.einsum("ab,vbc->vac", grid.axes, moved))
 

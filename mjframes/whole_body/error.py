@@ -23,7 +23,7 @@ from scipy import ndimage, sparse
 
 from mjframes.control import ControlPoints, control_weights
 from mjframes.grid import Grid
-from mjframes.whole_body.superelement import rigid_motions
+from mjframes.rigid import rigid_motions
 
 Array = NDArray[np.float64]
 
@@ -118,9 +118,7 @@ def expected(
     return measured(grid, cases, exact, (functions @ x).reshape(exact.shape))[0]
 
 
-def coordinates(
-    plain: sparse.csr_array, corrected: sparse.csr_array, covariance: Array, cases: LoadCases
-) -> Array:
+def coordinates(plain: sparse.csr_array, corrected: sparse.csr_array, covariance: Array, cases: LoadCases) -> Array:
     """Return x (3k, c) of frames with the compliance K⁺ (3k, 3k).
 
     plain, corrected: (n, k) w_i φ_j, by which they have masses and so weight, and W_j, by which they are pushed.
@@ -167,7 +165,10 @@ def _normals(grid: Grid, voxels: NDArray[np.integer]) -> Array:
     at = tuple(grid.index[voxels].T + 1)
     slope = np.stack(
         [
-            (smooth[tuple(a + (axis == d) for d, a in enumerate(at))] - smooth[tuple(a - (axis == d) for d, a in enumerate(at))])
+            (
+                smooth[tuple(a + (axis == d) for d, a in enumerate(at))]
+                - smooth[tuple(a - (axis == d) for d, a in enumerate(at))]
+            )
             / grid.spacing[axis]
             for axis in range(3)
         ],

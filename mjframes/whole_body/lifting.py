@@ -19,9 +19,10 @@ from scipy import sparse
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.regions import members_of
+from mjframes.rigid import rigid_motions, size_of
 from mjframes.stiffness import Stiffness
 from mjframes.threads import in_parallel
-from mjframes.whole_body.superelement import Superelement, degrees, rigid_motions, size_of
+from mjframes.whole_body.superelement import Superelement, degrees
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,9 @@ def lifting(
 def displaced(lifted: Lifting, stiffness: Stiffness, region: NDArray[np.int32], x: Array) -> Array:
     """Return R Φ T y (n, 3, c) at rest, R = 1, for small displacements x (3k, c) of the control points."""
     found = np.zeros((len(lifted.mode), 3, x.shape[1]))
-    for voxels, points, share in zip(members_of(region, len(lifted.share)), stiffness.points, lifted.share, strict=True):
+    for voxels, points, share in zip(
+        members_of(region, len(lifted.share)), stiffness.points, lifted.share, strict=True
+    ):
         found[voxels] = np.tensordot(lifted.mode[voxels, :, : len(share)], share @ x[degrees(points)], (2, 0))
     return found
 

@@ -30,7 +30,9 @@ def regions_of(
     weights: (n, f) at the voxels.  parts: (f,) what each frame adds.  links: the bodies that hold the first frames;
     what only frames of one body would share needs no region.
     """
-    held = [set(links[i] for i in control.frame[part.points]) if f < len(links) else None for f, part in enumerate(parts)]
+    held = [
+        set(links[i] for i in control.frame[part.points]) if f < len(links) else None for f, part in enumerate(parts)
+    ]
     kept = [f for f in range(len(parts)) if f >= len(links) or len(held[f] or ()) > 1]
     label, sets = frame_sets(weights)
     region = np.array([_region_of(np.flatnonzero(row), parts, control, kept) for row in sets], np.int32)[label]
@@ -43,9 +45,7 @@ def regions_of(
     ), region
 
 
-def _region_of(
-    frames: NDArray[np.integer], parts: Sequence[Part], control: ControlPoints, kept: Sequence[int]
-) -> int:
+def _region_of(frames: NDArray[np.integer], parts: Sequence[Part], control: ControlPoints, kept: Sequence[int]) -> int:
     """The place among `kept` of the region that has all of these frames."""
     if frames.max() in kept:
         return kept.index(int(frames.max()))

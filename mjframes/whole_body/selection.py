@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.control import ControlPoints
-from mjframes.whole_body.superelement import degrees, rigid_motions, size_of
+from mjframes.rigid import rigid_motions, size_of
+from mjframes.whole_body.superelement import degrees
 
 Array = NDArray[np.float64]
 

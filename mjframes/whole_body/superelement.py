@@ -21,22 +21,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.control import ControlPoints, control_weights
+from mjframes.finite_elements.element import CORNERS
+from mjframes.finite_elements.motions import Motions, motions
+from mjframes.finite_elements.respond import Response, respond
+from mjframes.finite_elements.solver import BodySolver
 from mjframes.grid import Grid
-from mjframes.whole_body.solve import BodySolver, Response, respond
+from mjframes.rigid import rigid_motions, size_of
 
 Array = NDArray[np.float64]
 
 DEPENDENT = 1e-9  # [-] eigenvalue of the functionals' scaled Gram matrix below which one follows from the others
 STIFFEST = 1e-12  # [-] least eigenvalue of scaled S: what moves less is rounding, and counts as that stiff
 STRAIN = 1.0  # [-] stiffness of straining a rigid frame's points, to the mean of moving them
-CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,23 +66,25 @@ def superelement(
     functionals, gram = moments(grid, weights, control, solver)
     moving = np.flatnonzero(control.frame >= held)
     rest = control.rest @ grid.axes
-    response = respond(solver, sparse.csc_array(functionals[:, moving]))
+    forces = sparse.csr_array(functionals[:, moving])
+    response, motion = respond(solver, forces), motions(solver, forces)
     basis = frame_motions(control, types, rest, held)
     rigid = basis @ basis.T
     mix = _independent(gram[np.ix_(moving, moving)], frame_motions(control, types, rest, held, held)[degrees(moving)])
     target = mix.T @ np.kron(gram[moving], np.eye(3)) @ rigid  # (m, 3k) moments of Φ x
+    push = mix.T @ motion.moments
     if held:
-        motion = _held_motions(control, held, rest, solver)
-        multipliers, stiffness = _minimum(response, mix, target - mix.T @ response.motion_moments @ motion)
-        stiffness += motion.T @ response.motion_energy @ motion
+        carried = _held_motions(control, held, rest, motion)
+        multipliers, stiffness = _minimum(response, mix, target - push @ carried)
+        stiffness += carried.T @ motion.energy @ carried
     else:
-        motion, multipliers, stiffness = _free_minimum(response, mix, target)
+        carried, multipliers, stiffness = _free_minimum(response, mix, push, target)
     stiffness += _straining(stiffness, rigid)
     turned = np.kron(np.eye(len(rest)), grid.axes.T)  # from volume coordinates to the grid's axes
     return Superelement(
         matrix=turned.T @ (stiffness + stiffness.T) / 2 @ turned,
-        moved=np.concatenate([response.moved, response.motions.astype(np.float32)], axis=2),
-        lifting=np.vstack([mix @ multipliers, motion]) @ turned,
+        moved=np.concatenate([response.moved, motion.moved], axis=2),
+        lifting=np.vstack([mix @ multipliers, carried]) @ turned,
     )
 
 
@@ -99,33 +103,19 @@ def moments(
     """
     e = grid.cell_volume * np.sqrt(grid.young / grid.young.max()) / 8
     k = len(control.frame)
-    functionals = sparse.csr_array((solver.N, k))
+    free = np.flatnonzero(solver.node[:, 0] >= 0)  # weights of frames that move are 0 in held pieces
+    nodes = len(solver.mesh.position)
+    functionals = sparse.csr_array((nodes, k))
     gram = np.zeros((k, k))
     for a, corner in enumerate(CORNERS):
-        step = grid.axes @ (corner * grid.spacing / 2)
+        step = grid.axes @ ((corner - 0.5) * grid.spacing)
         inner = control_weights(weights, control, grid.centers + step / 3)
         outer = control_weights(weights, control, grid.centers + step)
         inner.data *= np.repeat(e, np.diff(inner.indptr))
-        gather = sparse.csr_array(
-            (np.ones(len(e)), (solver.element[:, a], np.arange(len(e)))), shape=(solver.N, len(e))
-        )
+        gather = sparse.csr_array((np.ones(len(free)), (solver.node[free, a], free)), shape=(nodes, len(e)))
         functionals = functionals + gather @ inner
         gram += (inner.T @ outer).toarray()
     return sparse.csr_array(functionals), gram
-
-
-def rigid_motions(points: Array, center: Array, scale: float) -> Array:
-    """(3s, 6) of points (s, 3): translations, and rotations about `center` (3,) by which a length `scale` moves by 1."""
-    motion = np.zeros((len(points), 3, 6))
-    motion[:, range(3), range(3)] = 1
-    for axis in range(3):
-        motion[:, :, 3 + axis] = np.cross(np.eye(3)[axis], (points - center) / scale)
-    return motion.reshape(-1, 6)
-
-
-def size_of(points: Array) -> float:
-    """Return the diagonal of the box around points (s, 3) [m], 1 for a single one."""
-    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
 def frame_motions(control: ControlPoints, types: Sequence[str], rest: Array, held: int, first: int = 0) -> Array:
@@ -151,17 +141,14 @@ def _independent(gram: Array, basis: Array) -> Array:
     return basis @ (scale[:, None] * vector[:, kept] / np.sqrt(value[kept]))
 
 
-def _held_motions(control: ControlPoints, held: int, rest: Array, solver: BodySolver) -> Array:
-    """H (6h, 3k): the rigid motion of each held piece from the displacements of its control points.
-
-    Where one piece alone is held, the body's own motions are its motions.
-    """
-    motion = np.zeros((6 * held, 3 * len(rest)))
+def _held_motions(control: ControlPoints, held: int, rest: Array, motion: Motions) -> Array:
+    """H (6h, 3k): the rigid motion of each held piece from the displacements of its control points."""
+    carried = np.zeros((6 * held, 3 * len(rest)))
     for i in range(held):
         points = np.flatnonzero(control.frame == i)
-        field = rigid_motions(rest[points], solver.center, solver.scale)
-        motion[6 * i : 6 * i + 6, degrees(points)] = np.linalg.pinv(field)
-    return motion
+        field = rigid_motions(rest[points], motion.center[i], motion.scale)
+        carried[6 * i : 6 * i + 6, degrees(points)] = np.linalg.pinv(field)
+    return carried
 
 
 def _minimum(response: Response, mix: Array, target: Array) -> tuple[Array, Array]:
@@ -171,9 +158,8 @@ def _minimum(response: Response, mix: Array, target: Array) -> tuple[Array, Arra
     return multipliers, target.T @ multipliers
 
 
-def _free_minimum(response: Response, mix: Array, target: Array) -> tuple[Array, Array, Array]:
-    """a (6, 3k), μ (m, 3k) and the stiffness (3k, 3k) of a free body."""
-    push = mix.T @ response.motion_moments  # (m, 6)
+def _free_minimum(response: Response, mix: Array, push: Array, target: Array) -> tuple[Array, Array, Array]:
+    """a (6, 3k), μ (m, 3k) and the stiffness (3k, 3k) of a free body. push: (m, 6) moments of its own motions."""
     balanced = np.linalg.svd(push, full_matrices=True)[0][:, np.linalg.matrix_rank(push) :]
     compliance = mix.T @ response.compliance @ mix
     inverse = balanced @ _inverse(balanced.T @ compliance @ balanced) @ balanced.T

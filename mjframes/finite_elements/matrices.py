@@ -1,0 +1,97 @@
+"""The stiffness A of a level's nodes, in the form that its kernels take. Vectors are flat, (N, 3, k); see `kernels`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.finite_elements import kernels
+
+Floats = NDArray[np.floating]
+Lanes = tuple[int, ...]
+
+
+class Matrix(Protocol):
+    """What smoothing and conjugate gradients need of A."""
+
+    def scratch(self, k: int) -> Floats:
+        """Return memory for the other two methods."""
+        ...
+
+    def subtract(self, x: Floats, r: Floats, scratch: Floats, lanes: Lanes) -> None:
+        """r ← r − A x."""
+        ...
+
+    def smooth(
+        self,
+        d: Floats,
+        r: Floats,
+        x: Floats,
+        inverse: Floats,
+        keep: np.floating,
+        gain: np.floating,
+        scratch: Floats,
+        lanes: Lanes,
+    ) -> None:
+        """r ← r − A d,  d ← keep d + gain D⁻¹ r,  x ← x + d; inverse: (N, 3) of D."""
+        ...
+
+
+class Bricks(NamedTuple):
+    """The finest matrix, never assembled: arrays of `Mesh`, and the coefficients (m, 33) of each material's brick."""
+
+    corner: NDArray[np.int32]
+    material: NDArray[np.int32]
+    coefficients: Floats
+    brick_planes: NDArray[np.int64]
+    node_planes: NDArray[np.int64]
+
+    def scratch(self, k: int) -> Floats:
+        rows = kernels.SCRATCH + 2 * 3 * int(np.diff(self.node_planes).max())
+        return np.zeros(rows * k, self.coefficients.dtype)
+
+    def subtract(self, x: Floats, r: Floats, scratch: Floats, lanes: Lanes) -> None:
+        kernels.subtract_bricks(x, r, *self, scratch, lanes)
+
+    def smooth(
+        self,
+        d: Floats,
+        r: Floats,
+        x: Floats,
+        inverse: Floats,
+        keep: np.floating,
+        gain: np.floating,
+        scratch: Floats,
+        lanes: Lanes,
+    ) -> None:
+        kernels.smooth_bricks(d, r, x, inverse, keep, gain, *self, scratch, lanes)
+
+
+class BlockRows(NamedTuple):
+    """A coarse matrix: 3 × 3 blocks in value (b, 9), those of row i from start[i] on."""
+
+    start: NDArray[np.int64]
+    column: NDArray[np.int32]
+    value: Floats
+
+    def scratch(self, k: int) -> Floats:
+        return np.zeros(0, self.value.dtype)
+
+    def subtract(self, x: Floats, r: Floats, scratch: Floats, lanes: Lanes) -> None:
+        kernels.subtract_blocks(x, r, *self, lanes)
+
+    def smooth(
+        self,
+        d: Floats,
+        r: Floats,
+        x: Floats,
+        inverse: Floats,
+        keep: np.floating,
+        gain: np.floating,
+        scratch: Floats,
+        lanes: Lanes,
+    ) -> None:
+        kernels.subtract_blocks(d, r, *self, lanes)
+        kernels.step(d, r, x, inverse, keep, gain, 0, len(inverse), lanes)

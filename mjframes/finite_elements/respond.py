@@ -1,0 +1,217 @@
+"""How a body responds to many forces B: the compliance S = BᵀA⁻¹B and the displacements C A⁻¹B.
+
+1. Whitening. One cycle for each column gives S₀ = BᵀM B. Its eigenvectors make combinations B W of the columns with
+   compliances of about one, so that an error counts in the stiffest as in the softest.
+2. Conjugate gradients for the columns of B W, which start with the combinations of the cycles' results, give X.
+3. Galerkin's method in the span of all of X: with G = XᵀAX and Y = XᵀB the displacements are C X G⁻¹Y, and
+   S = YᵀG⁻¹Y. So S is positive semidefinite and at most the exact one, and its error is but the square of X's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from threadpoolctl import threadpool_limits
+
+from mjframes.finite_elements import conjugate
+from mjframes.finite_elements.batch import (
+    Array,
+    Batch,
+    Progress,
+    averages,
+    in_rounds,
+    load,
+    moments,
+    multiply,
+    reporter,
+)
+from mjframes.finite_elements.cycle import precondition
+from mjframes.finite_elements.matrices import Floats
+from mjframes.finite_elements.solver import BodySolver
+from mjframes.threads import in_parallel
+
+TOLERANCE = 0.07  # [-] of X in the energy norm: S is then right to about 1 % in its worst mode
+NOISE = 1e-7  # [-] to the largest eigenvalue of the scaled S₀: smaller ones are taken to be that large
+DEPENDENT = 1e-6  # [-] smaller eigenvalues of the scaled G belong to columns that depend on others
+CHUNK = 4096  # [rows] of large products worked on at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What forces do to a body whose held pieces rest, along the index axes.
+
+    compliance: (3m, 3m) S [m/N], symmetric positive semidefinite.
+    moved: (r, 3, 3m) float32 [m/N], displacement of the voxels' centres, or its mean over each block of voxels.
+    Column 3b + d is the force functions[:, b] [N] along axis d. Of a free body only combinations of columns that
+    balance have a meaning; their displacements have no mean translation and no mean rotation of the nodes.
+    """
+
+    compliance: Array
+    moved: NDArray[np.float32]
+
+
+def respond(
+    solver: BodySolver,
+    functions: sparse.csr_array,
+    blocks: NDArray[np.integer] | None = None,
+    progress: Progress = lambda done, of: None,
+    tolerance: float = TOLERANCE,
+) -> Response:
+    """Return the response to forces `functions` (N, m) on the nodes, along each axis.
+
+    blocks: (n,) the block of each voxel, numbered from 0 on, for the means of displacements.  progress: is called with
+    the batches done and how many there are.  tolerance: see `conjugate`.
+    Raise MjframesError where conjugate gradients do not converge.
+    """
+    k = solver.levels.columns
+    forces = sparse.csr_array(functions, dtype=solver.levels.dtype)
+    centre = solver.centre if blocks is None else sparse.csr_array(averages(blocks) @ solver.centre)
+    with threadpool_limits(1, "blas"):  # the batches are spread over the processors already
+        basis = _basis(solver, forces)
+        report = reporter(progress, _batches(len(basis), k) + _batches(basis.shape[1], k))
+        x, first = _cycles(solver, forces, report)
+        combinations = _whitening(first, basis)
+        _combine(x, combinations, k)
+        energies, work = _solve(solver, forces, combinations, x, tolerance, report)
+        weights = _pseudo_inverse(energies) @ work.T
+        compliance = work @ weights / solver.levels.unit
+        return Response((compliance + compliance.T) / 2, _moved(centre, x, weights / solver.levels.unit, k))
+
+
+def _batches(columns: int, k: int) -> int:
+    return -(-columns // k)
+
+
+def _batch(columns: Array, number: int, k: int) -> Array:
+    """(c, k) the columns of a batch, with zeros where there are no more."""
+    some = columns[:, number * k : (number + 1) * k]
+    return np.pad(some, ((0, 0), (0, k - some.shape[1])))
+
+
+def _basis(solver: BodySolver, forces: sparse.csr_array) -> Array:
+    """(3m, c) all columns scaled to one, or of a free body a basis of their combinations that balance."""
+    norm = np.repeat(np.sqrt(np.asarray(forces.multiply(forces).sum(axis=0)).ravel()), 3)
+    scale = np.where(norm > 0, 1 / np.where(norm > 0, norm, 1), 0)
+    if solver.held:
+        return np.diag(scale)
+    resultants = (forces.T @ solver.rigid.reshape(-1, 18)).reshape(-1, 6) * scale[:, None]
+    vectors, values, _ = np.linalg.svd(resultants)
+    return scale[:, None] * vectors[:, np.count_nonzero(values > NOISE * values[0]) :]
+
+
+def _cycles(solver: BodySolver, forces: sparse.csr_array, report: Callable[[], None]) -> tuple[list[Floats], Array]:
+    """M B, a batch an array, and S₀."""
+    k, columns = solver.levels.columns, np.eye(3 * forces.shape[1])
+    x = [np.empty(solver.levels.nodes * 3 * k, solver.levels.dtype) for _ in range(_batches(len(columns), k))]
+
+    def improve(batch: Batch, number: int) -> Array:
+        load(forces, _batch(columns, number, k), batch.r[0])
+        x[number][:] = precondition(solver.levels, batch)
+        return moments(forces, x[number], k)
+
+    parts = [part for some in in_rounds(solver.levels, len(x), improve, report) for _, part in some]
+    return x, np.hstack(parts)[:, : len(columns)]
+
+
+def _whitening(compliance: Array, basis: Array) -> Array:
+    """Combinations W (3m, c) in the span of the basis with WᵀS₀W about one, the softest first."""
+    within = basis.T @ (compliance + compliance.T) @ basis / 2
+    scale = _scale(within)
+    values, vectors = np.linalg.eigh(within * scale * scale[:, None])
+    least = NOISE * max(values[-1], NOISE) if len(values) else 1.0
+    return (basis * scale @ vectors / np.sqrt(np.maximum(values, least)))[:, ::-1]
+
+
+def _combine(x: list[Floats], combinations: Array, k: int) -> None:
+    """X ← X W, in place; batches that are left over are dropped."""
+    left = _batches(combinations.shape[1], k)
+    weights = np.zeros((len(x) * k, left * k), x[0].dtype)
+    weights[: len(combinations), : combinations.shape[1]] = combinations
+    tables = [table.reshape(-1, k) for table in x]
+
+    def change(start: int) -> None:
+        rows = slice(start, start + CHUNK)
+        mixed = np.hstack([table[rows] for table in tables]) @ weights
+        for number in range(left):
+            tables[number][rows] = mixed[:, number * k : (number + 1) * k]
+
+    for _ in in_parallel(change, range(0, len(tables[0]), CHUNK)):
+        pass
+    del x[left:]
+
+
+def _solve(
+    solver: BodySolver,
+    forces: sparse.csr_array,
+    combinations: Array,
+    x: list[Floats],
+    tolerance: float,
+    report: Callable[[], None],
+) -> tuple[Array, Array]:
+    """G (c, c) and Yᵀ (3m, c) of X, which is solved for in place: from M B W to A⁻¹B W."""
+    k, columns = solver.levels.columns, combinations.shape[1]
+    energies = np.zeros((len(x) * k,) * 2)
+    work = np.zeros((len(combinations), len(x) * k))
+
+    def improve(batch: Batch, number: int) -> None:
+        chosen = _batch(combinations, number, k)
+        load(forces, chosen, batch.residual)
+        batch.direction[:] = x[number]
+        conjugate.solve(solver.levels, batch, batch.residual, x[number], batch.direction, tolerance)
+        if not solver.held:
+            solver.remove_rigid(x[number])
+        work[:, number * k : (number + 1) * k] = moments(forces, x[number], k)
+        load(forces, chosen, batch.direction)
+        batch.direction -= batch.residual  # A x
+
+    def pair(batch: Batch, number: int) -> None:
+        here = slice(number * k, (number + 1) * k)
+        for other in range(number + 1):
+            there = slice(other * k, (other + 1) * k)
+            energies[there, here] = x[other].reshape(-1, k).T @ batch.direction.reshape(-1, k)
+            energies[here, there] = energies[there, here].T
+
+    done = 0
+    for some in in_rounds(solver.levels, len(x), improve, report):
+        for _ in in_parallel(lambda item: pair(*item), [(batch, done + i) for i, (batch, _) in enumerate(some)]):
+            pass
+        done += len(some)
+    return (energies + energies.T)[:columns, :columns] / 2, work[:, :columns]
+
+
+def _pseudo_inverse(matrix: Array) -> Array:
+    """The inverse of a positive semidefinite matrix, 0 for what depends on the rest."""
+    scale = _scale(matrix)
+    values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
+    vectors = scale[:, None] * vectors[:, values > DEPENDENT]
+    return vectors / values[values > DEPENDENT] @ vectors.T
+
+
+def _scale(matrix: Array) -> Array:
+    """What makes the diagonal one, 0 where it is not positive."""
+    diagonal = np.diag(matrix)
+    return np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 0)
+
+
+def _moved(centre: sparse.csr_array, x: list[Floats], weights: Array, k: int) -> NDArray[np.float32]:
+    """(r, 3, 3m) what `centre` (r, N) makes of the displacements X weights (c, 3m)."""
+    rows, (columns, count) = len(centre.indptr) - 1, weights.shape
+    moved = np.empty((rows, 3, count), np.float32)
+
+    def fill(start: int) -> None:
+        some = slice(start, min(start + CHUNK, rows))
+        chosen = sparse.csr_array(centre[some])
+        fields = np.empty((some.stop - start, 3, len(x) * k), np.float32)
+        part = np.empty((some.stop - start, 3, k), x[0].dtype)
+        for number, values in enumerate(x):
+            multiply(chosen, values, part)
+            fields[:, :, number * k : (number + 1) * k] = part
+        moved[some] = fields[:, :, :columns] @ weights.astype(np.float32)
+
+    for _ in in_parallel(fill, range(0, rows, CHUNK)):
+        pass
+    return moved
