@@ -14,7 +14,8 @@ from scipy import sparse
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.regions import frame_sets
-from mjframes.stiffness import Stiffness, shows_rotations
+from mjframes.rotations import with_rotations
+from mjframes.stiffness import Stiffness
 from mjframes.whole_body.selection import Part
 
 
@@ -30,19 +31,17 @@ def regions_of(
     weights: (n, f) at the voxels.  parts: (f,) what each frame adds.  links: the bodies that hold the first frames;
     what only frames of one body would share needs no region.
     """
-    held = [
-        set(links[i] for i in control.frame[part.points]) if f < len(links) else None for f, part in enumerate(parts)
-    ]
-    kept = [f for f in range(len(parts)) if f >= len(links) or len(held[f] or ()) > 1]
+    held = [{links[i] for i in control.frame[part.points]} if f < len(links) else set() for f, part in enumerate(parts)]
+    kept = [f for f in range(len(parts)) if f >= len(links) or len(held[f]) > 1]
     label, sets = frame_sets(weights)
     region = np.array([_region_of(np.flatnonzero(row), parts, control, kept) for row in sets], np.int32)[label]
-    rest = [control.rest[parts[f].points] for f in kept]
-    return Stiffness(
+    stiffness = Stiffness(
         points=tuple(parts[f].points for f in kept),
-        gradient=tuple(shows_rotations(np.zeros_like(some), some) for some in rest),
+        gradient=(),
         matrix=tuple(parts[f].matrix for f in kept),
-        volume=np.bincount(region, minlength=len(kept)) * grid.cell_volume,
-    ), region
+        volume=np.bincount(region, minlength=len(kept)).astype(np.float64) * grid.cell_volume,
+    )
+    return with_rotations(stiffness, control), region
 
 
 def _region_of(frames: NDArray[np.integer], parts: Sequence[Part], control: ControlPoints, kept: Sequence[int]) -> int:
