@@ -2,9 +2,9 @@
 
     x(p̄) = Σ_j W_j x_j + R Φ(p̄) T y,   y = Rᵀ x − x̄ of the region's control points, R its rotation
 
-N̂ x is how the superelement moves a voxel. What it does when only the region's own points are known is its regression on
-them, x ~ N(0, K⁺); less Σ_j W_j x_j, and by the singular value decomposition of that, over the region's voxels, a few
-modes Φ T remain. They hold what scalar weights cannot: that a body thins where it is stretched, and bends along with
+N̂ x is how the superelement moves a voxel. N̂ x − Σ_j W_j x_j, when only the region's own points are known and not how
+they move as one rigid body, is its regression on them, x ~ N(0, K⁺). By the singular value decomposition of that, over
+the region's voxels, a few modes Φ T remain. They hold what scalar weights cannot: that a body thins where it is stretched, and bends along with
 what it is made of. R makes them follow any rotation. Index letters: v voxel; j control point; m mode.
 """
 
@@ -67,22 +67,23 @@ def lifting(
     def of_region(e: int) -> tuple[NDArray[np.float32], Array]:
         points = stiffness.points[e]
         dof = degrees(points)
-        basis, inverse = _whitened(covariance[np.ix_(dof, dof)])
+        own = covariance[np.ix_(dof, dof)]
+        relative = _relative(control.rest[points], np.flatnonzero(~own.any(axis=1)))
+        basis, inverse = _whitened(relative @ own @ relative.T)
         if not len(voxels[e]) or not basis.shape[1]:
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
-        wanted = (followed[:, dof] @ inverse.T).astype(np.float32)  # of unit, independent motions of the points
-        field = np.tensordot(moved[place[voxels[e]]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
-        field = np.einsum("ab,vbq->vaq", grid.axes.astype(np.float32), field)
-        size = np.linalg.norm(field)
+        seen = (inverse @ relative).T  # unit, independent motions of the points
+        field = np.tensordot(moved[place[voxels[e]]], (followed[:, dof] @ seen).astype(np.float32), (2, 0))
+        field = np.einsum("ab,vbq->vaq", grid.axes.astype(np.float32), field)  # (v, 3, q)
         weights = functions[voxels[e]][:, points].toarray().astype(np.float32)
-        field -= np.tensordot(weights, basis.reshape(len(points), 3, -1).astype(np.float32), (1, 0))
+        field -= np.tensordot(weights, (own @ seen).reshape(len(points), 3, -1).astype(np.float32), (1, 0))
+        size = np.linalg.norm(np.tensordot(weights, basis.reshape(len(points), 3, -1), (1, 0)))
         flat = field.reshape(-1, field.shape[2])
         value, vector = np.linalg.eigh((flat.T @ flat).astype(np.float64))
         kept = vector[:, ::-1][:, :MODES][:, value[::-1][:MODES] > (SLIGHT * size) ** 2]
-        still = np.flatnonzero(~basis.any(axis=1))
         mode = field @ kept.astype(np.float32)
         largest = np.abs(mode).max(axis=(0, 1), initial=0)
-        return mode / largest, _blind(largest[:, None] * (kept.T @ inverse), control.rest[points], still)
+        return mode / largest, largest[:, None] * (kept.T @ seen.T)
 
     found = list(in_parallel(of_region, range(len(stiffness.points))))
     most = max((len(share) for _, share in found), default=0)
@@ -128,16 +129,16 @@ def mode_slopes(
     return np.einsum("vmqb,ab->vmaq", slopes, grid.axes)
 
 
-def _blind(share: Array, rest: Array, still: NDArray[np.integer]) -> Array:
-    """T (q, 3m) without what it makes of rigid motions of all points (m, 3), held ones included.
+def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
+    """(3m, 3m) what takes the rigid motion out of motions of points (m, 3): that of the held ones, or of all.
 
-    still: the degrees of freedom of the held ones, which take it over, if there are any.
+    still: the degrees of freedom of the held ones, which do not move themselves.
     """
     some = still if len(still) else np.arange(3 * len(rest))
     turns = rigid_motions(rest, rest[some[::3] // 3].mean(axis=0), size_of(rest))
-    share = share.copy()
-    share[:, some] -= share @ turns @ np.linalg.pinv(turns[some], rcond=FLAT)
-    return share
+    relative = np.eye(3 * len(rest))
+    relative[:, some] -= turns @ np.linalg.pinv(turns[some], rcond=FLAT)
+    return relative
 
 
 def _whitened(covariance: Array) -> tuple[Array, Array]:
