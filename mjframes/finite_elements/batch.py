@@ -80,7 +80,8 @@ def multiply(matrix: sparse.csr_array, source: Floats, target: Floats) -> None:
 
 def moments(forces: sparse.csr_array, x: Floats, k: int) -> Array:
     """Return (3m, k): what each force (N, m) along each axis does on displacements x (N, 3, k)."""
-    total = np.zeros((forces.shape[1], 3 * k))
+    _, count = forces.shape  # pyright: ignore[reportGeneralTypeIssues]  as above
+    total = np.zeros((count, 3 * k))
     kernels.measure(forces.indptr, forces.indices, forces.data, x.reshape(-1, 3 * k), total)
     return total.reshape(-1, k)
 

@@ -52,7 +52,8 @@ class Levels:
     """All levels, the finest first. Stiffness is in units of `unit` [N/m].
 
     finest: its matrix.  above: the levels but for the last.  last: (3N', 3N') the inverse matrix of the last, blind to
-    rigid motions of a free body.  dtype: float32, or float64 where that would not do.  columns: k, to be solved for at once.
+    rigid motions of a free body.  dtype: float32, or float64 where that would not do.  columns: k, how many to solve
+    for at once.
     """
 
     finest: Bricks
@@ -85,9 +86,7 @@ def body_levels(grid: Grid, mesh: Mesh) -> Levels:
     last = _dense(matrices[-1]) if matrices else _dense_bricks(mesh, stiffness, held)
     position = coarsenings[-1].position if coarsenings else mesh.position
     inverse, condition = _inverse(last, None if held.any() else position)
-    condition *= 4.0 ** len(
-        coarsenings
-    )  # energies are kept, but a displacement has a fourth of the Σ D u² on each level
+    condition *= 4.0 ** len(coarsenings)  # energies are kept, but Σ D u² of a displacement is a fourth on each level
     dtype = np.float32 if condition < DOUBLE else np.float64
     k = next((k for k in COLUMNS if k * _memory(len(mesh.position), dtype) <= LARGEST), COLUMNS[-1])
     table = np.array([coefficients(matrix) for matrix in stiffness], dtype)

@@ -73,7 +73,7 @@ def respond(
     with threadpool_limits(1, "blas"):  # the batches are spread over the processors already
         basis = _basis(solver, forces)
         report = reporter(progress, _batches(len(basis), k) + _batches(basis.shape[1], k))
-        x, first = _cycles(solver, forces, report)
+        x, first = _cycles(solver, forces, len(basis), report)
         combinations = _whitening(first, basis)
         _combine(x, combinations, k)
         energies, work = _solve(solver, forces, combinations, x, tolerance, report)
@@ -103,9 +103,11 @@ def _basis(solver: BodySolver, forces: sparse.csr_array) -> Array:
     return scale[:, None] * vectors[:, np.count_nonzero(values > NOISE * values[0]) :]
 
 
-def _cycles(solver: BodySolver, forces: sparse.csr_array, report: Callable[[], None]) -> tuple[list[Floats], Array]:
-    """M B, a batch an array, and S₀."""
-    k, columns = solver.levels.columns, np.eye(3 * forces.shape[1])
+def _cycles(
+    solver: BodySolver, forces: sparse.csr_array, count: int, report: Callable[[], None]
+) -> tuple[list[Floats], Array]:
+    """M B of the `count` columns, a batch an array, and S₀."""
+    k, columns = solver.levels.columns, np.eye(count)
     x = [np.empty(solver.levels.nodes * 3 * k, solver.levels.dtype) for _ in range(_batches(len(columns), k))]
 
     def improve(batch: Batch, number: int) -> Array:

@@ -22,8 +22,8 @@ class BodySolver:
     """A body of n voxels, ready to be loaded.
 
     held: the voxels of each piece that moves rigidly.  node: (n, 8) of the voxels' corners, in the order of
-    `element.CORNERS`, −1 for a held voxel.  centre: (n, N) sparse C, the displacement of a voxel's centre as the mean of
-    its corners'; 0 for a held voxel.
+    `element.CORNERS`, −1 for a held voxel.  centre: (n, N) sparse C, the displacement of a voxel's centre as the mean
+    of its corners'; 0 for a held voxel.
     """
 
     grid: Grid

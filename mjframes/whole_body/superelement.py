@@ -165,7 +165,7 @@ def _free_minimum(response: Response, mix: Array, push: Array, target: Array) ->
     inverse = balanced @ _inverse(balanced.T @ compliance @ balanced) @ balanced.T
     multipliers = inverse @ target
     motion = np.linalg.lstsq(push, target - compliance @ multipliers, rcond=None)[0]
-    return motion, multipliers, target.T @ multipliers
+    return np.asarray(motion, np.float64), multipliers, target.T @ multipliers
 
 
 def _inverse(compliance: Array) -> Array:
