@@ -1,14 +1,13 @@
 """Points of a soft body's material and their state (the paper, equation (3) and §5.2), in the soft body's own axes.
 
-    x(p̄) = Σ_j W_j x_j + (p̄ − Σ_j W_j x̄_j)             0 in brackets where frames can turn
-    F(p̄) = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ)
-    ε = sym(Σ_j y_j ∇W_jᵀ), y_j = Rᵀ x_j − x̄_j           corotational strain, R of the point's region
+    x(p̄) = Σ_j W_j x_j + (p̄ − Σ_j W_j x̄_j) + R Φ T y     0 in brackets where frames can turn
+    F(p̄) = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R ∇Φ T y
+    ε = sym(Σ_j y_j ∇W_jᵀ + ∇Φ T y), y_j = Rᵀ x_j − x̄_j     corotational strain, R of the point's region
     ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
 
-W_j are those that move the surfaces; ∇w_i is that of the nearest voxel, inside its region. Where a region is relaxed,
-its material has adapted within it to be softer than this: what relaxation takes is not added back, and ψ is an upper
-bound of its mean.
-Index letters: n material point; j control point; r, s rows; a, b columns. The plugin's sensors compute the same.
+W_j are those that move the surfaces, Φ T what the body moves beyond them (whole_body/lifting.py), where that is known.
+Slopes are those of the nearest voxel, inside its region and its material.
+Index letters: n material point; j control point; r, s rows; a, b columns; q mode. The plugin's sensors compute the same.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.mechanics import CorotationalRegion
 from mjframes.stiffness import shows_rotations
 from mjframes.surfaces import closest_voxels, voxel_shares
+from mjframes.whole_body.lifting import mode_slopes
 
 Array = NDArray[np.float64]
 Region = CorotationalRegion | HyperelasticRegion
@@ -42,6 +42,7 @@ class Group:
 
     rows: (s,) which ones.  region: its number.  points: (m,) its control points.  gradient: ∇W_j (s, m, 3) [1/m].
     slack: I − Σ_j x̄_j ∇W_jᵀ (s, 3, 3), 0 where all the region's frames can turn.
+    mode: Φ (s, 3, q).  mode_slope: ∇Φ (s, 3, 3, q) [1/m], derivatives in the third axis.  share: T (q, 3m).
     """
 
     rows: NDArray[np.int64]
@@ -49,6 +50,32 @@ class Group:
     points: NDArray[np.int64]
     gradient: Array
     slack: Array
+    mode: Array
+    mode_slope: Array
+    share: Array
+
+    def lifted(self, region: Region, x: Array) -> tuple[Array, Array]:
+        """R (3, 3) and T y (q,) with the control points at x (k, 3); R is I where nothing turns along."""
+        if not isinstance(region, CorotationalRegion):
+            return np.eye(3), np.zeros(len(self.share))
+        own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
+        R = region.rotation(own)
+        return R, self.share @ (own @ R - rest).ravel()
+
+    def lifted_velocity(self, region: Region, x: Array, v: Array) -> Array:
+        """d/dt R Φ T y (s, 3) while the control points move by v (k, 3) [m/s]."""
+        if not isinstance(region, CorotationalRegion) or not len(self.share):
+            return np.zeros((len(self.rows), 3))
+        own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
+        R, spin = region.rotation(own), region.spin(own, v[self.points])
+        z = own @ R
+        change = self.share @ ((v[self.points] @ R) - np.cross(spin, z)).ravel()
+        return (self.mode @ change + np.cross(spin, self.mode @ (self.share @ (z - rest).ravel()))) @ R.T
+
+
+def _about_mean(points: Array) -> Array:
+    """Far from the origin digits would be lost."""
+    return points - points.mean(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,26 +91,42 @@ class MaterialPoints:
     law: str
     constants: Array
 
-    def deformation_gradients(self, x: Array) -> Array:
-        """F (n, 3, 3) with the control points at x (k, 3) [m]."""
+    def positions(self, regions: Sequence[Region], x: Array) -> Array:
+        """Return x(p̄) (n, 3) [m] with the control points at x (k, 3) [m].  regions: those of the soft body."""
+        found = self.weights @ x + self.offset
+        for group in self.groups:
+            R, change = group.lifted(regions[group.region], x)
+            found[group.rows] += (group.mode @ change) @ R.T
+        return found
+
+    def velocities(self, regions: Sequence[Region], x: Array, v: Array) -> Array:
+        """Return dx(p̄)/dt (n, 3) [m/s] with the control points at x (k, 3) [m] and moving by v (k, 3) [m/s]."""
+        found = self.weights @ v
+        for group in self.groups:
+            found[group.rows] += group.lifted_velocity(regions[group.region], x, v)
+        return found
+
+    def deformation_gradients(self, regions: Sequence[Region], x: Array) -> Array:
+        """Return F (n, 3, 3) with the control points at x (k, 3) [m].  regions: those of the soft body."""
         F = np.empty((len(self.offset), 3, 3))
         for group in self.groups:
+            R, change = group.lifted(regions[group.region], x)
             F[group.rows] = np.einsum("jr,nja->nra", x[group.points], group.gradient) + group.slack
+            F[group.rows] += R @ (group.mode_slope @ change)
         return F
 
     def response(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
         """Cauchy stress σ (n, 3, 3) [Pa] and strain energy density ψ (n,) [J/m³]; regions: those of the soft body."""
-        return self._corotational(regions, x) if self.law == COROTATIONAL else self._hyperelastic(x)
+        return self._corotational(regions, x) if self.law == COROTATIONAL else self._hyperelastic(regions, x)
 
     def _corotational(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
         stress, energy = np.empty((len(self.offset), 3, 3)), np.empty(len(self.offset))
         for group in self.groups:
             region, lam, mu = regions[group.region], *self.constants[group.rows, :2].T
             assert isinstance(region, CorotationalRegion)
-            own = x[group.points] - x[group.points].mean(axis=0)  # far from the origin digits would be lost
-            R = region.rotation(own)
-            y = own @ R - (region.rest - region.rest.mean(axis=0))
-            slope = np.einsum("jr,nja->nra", y, group.gradient)
+            R, change = group.lifted(region, x)
+            y = _about_mean(x[group.points]) @ R - _about_mean(region.rest)
+            slope = np.einsum("jr,nja->nra", y, group.gradient) + group.mode_slope @ change
             strain = 0.5 * (slope + slope.transpose(0, 2, 1))
             trace = np.trace(strain, axis1=1, axis2=2)
             turned = (lam * trace)[:, None, None] * np.eye(3) + 2 * mu[:, None, None] * strain
@@ -91,8 +134,8 @@ class MaterialPoints:
             energy[group.rows] = 0.5 * lam * trace**2 + mu * (strain**2).sum(axis=(1, 2))
         return stress, energy
 
-    def _hyperelastic(self, x: Array) -> tuple[Array, Array]:
-        F = self.deformation_gradients(x)
+    def _hyperelastic(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
+        F = self.deformation_gradients(regions, x)
         stress, energy = np.empty_like(F), np.empty(len(F))
         kinds, kind = np.unique(self.constants, axis=0, return_inverse=True)
         for number, constants in enumerate(kinds.tolist()):
@@ -126,10 +169,9 @@ def material_points(body: SoftBody, rest: Array, points: ArrayLike) -> MaterialP
     else:
         table = body.law_constants
     region = body.fields.region[nearest]
-    metric = evened(grid) if body.fields.metric == EVEN else grid
-    shares = sparse.csr_array(voxel_shares(grid, body.fields.weights, at, nearest) @ body.fields.weights)
+    around = voxel_shares(grid, body.fields.weights, at, nearest)
     groups = tuple(
-        _group(body, metric, rest, int(e), rows, at[rows], nearest[rows], shares[rows])
+        _group(body, grid, rest, int(e), rows, at[rows], nearest[rows], sparse.csr_array(around[rows]))
         for e in np.unique(region)
         for rows in [np.flatnonzero(region == e)]
     )
@@ -144,12 +186,25 @@ def _group(
     rows: NDArray[np.int64],
     at: Array,
     nearest: NDArray[np.int64],
-    shares: sparse.csr_array,
+    around: sparse.csr_array,
 ) -> Group:
+    """around: (s, n) the voxels' shares in the points."""
     points = body.stiffness.points[region]
     frames = body.control.frame[points]
     frames = frames[np.sort(np.unique(frames, return_index=True)[1])]
-    gradient = body.shapes.slopes(grid, nearest, frames, shares[:, frames].toarray(), at, body.fields.region)[1]
+    fields, metric, within = body.fields, grid, body.fields.region
+    if fields.metric == EVEN:
+        metric, within = evened(grid), within * np.int32(len(grid.table)) + grid.material
+    share = sparse.csr_array(around @ fields.weights)[:, frames].toarray()
+    gradient = body.shapes.slopes(metric, nearest, frames, share, at, within)[1]
     if not any(body.types[i] == "point" for i in frames):
         gradient = shows_rotations(gradient, rest[points])
-    return Group(rows, region, points, gradient, np.eye(3) - np.einsum("jr,nja->nra", rest[points], gradient))
+    slack = np.eye(3) - np.einsum("jr,nja->nra", rest[points], gradient)
+    if fields.lifting is None:
+        mode, slope, share = np.zeros((len(rows), 3, 0)), np.zeros((len(rows), 3, 3, 0)), np.zeros((0, 3 * len(points)))
+    else:
+        share = fields.lifting.share[region]
+        modes = fields.lifting.mode[:, :, : len(share)]
+        mode = (around @ modes.reshape(len(modes), -1)).reshape(len(rows), 3, len(share))
+        slope = mode_slopes(grid, modes, nearest, fields.region, within)
+    return Group(rows, region, points, gradient, slack, mode, slope, share)

@@ -158,6 +158,18 @@ class CorotationalRegion:
         """R (3, 3)."""
         return closest_rotation(x.T @ self.effective_gradient(x)[1])
 
+    def spin(self, x: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """ω (3,) [rad/s] with dR/dt = R [ω]×, while the region's control points at x (m, 3) [m] move by v (m, 3) [m/s].
+
+        With S = RᵀF, ω solves (tr(S) 1 − S) ω = axial(RᵀḞ − ḞᵀR); how θ changes is left out.
+        """
+        gradient = self.effective_gradient(x)[1]
+        rotation = closest_rotation(x.T @ gradient)
+        stretch, rate = rotation.T @ x.T @ gradient, rotation.T @ v.T @ gradient
+        axial = np.array([rate[2, 1] - rate[1, 2], rate[0, 2] - rate[2, 0], rate[1, 0] - rate[0, 1]])
+        twist = np.trace(stretch) * np.eye(3) - 0.5 * (stretch + stretch.T)
+        return np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True) @ axial
+
     def energy(self, x: NDArray[np.float64]) -> float:
         """[J]"""
         return region_energy(x, self.rest, self.effective_gradient(x)[1], self.stiffness)

@@ -73,13 +73,18 @@ def _samples(at: MaterialPoints) -> dict[str, str]:
         raise MjframesError("points has no point; a sensor needs one or more.")
     region, slack = np.empty(count, int), np.empty((count, 3, 3))
     gradient: list[np.ndarray] = [np.zeros(0)] * count
+    lift: list[np.ndarray] = [np.zeros(0)] * count
     for group in at.groups:
         region[group.rows], slack[group.rows] = group.region, group.slack
-        for row, some in zip(group.rows, group.gradient, strict=True):
-            gradient[row] = some.ravel()
+        for row, some, slope in zip(group.rows, group.gradient, group.mode_slope @ group.share, strict=True):
+            gradient[row], lift[row] = some.ravel(), slope.ravel()
     config = {
         "region": encode(region),
         "gradient": encode(np.concatenate(gradient)),
         "constants": encode(at.constants),
     }
-    return config | ({"slack": encode(slack)} if np.abs(slack).max() > SLACK else {})
+    if np.abs(slack).max() > SLACK:
+        config["slack"] = encode(slack)
+    if any(some.any() for some in lift):
+        config["lift"] = encode(np.concatenate(lift))
+    return config

@@ -186,18 +186,22 @@ class Soft:
 
     def positions(self, points: ArrayLike) -> np.ndarray:
         """(n, 3) of material points, in the world [m]."""
-        some = self._at(points)
-        return some.weights @ self.control_positions + some.offset @ self._axes.T
+        return self.data.xpos[self.holder] + self._at(points).positions(self.regions, self._local) @ self._axes.T
 
     def velocities(self, points: ArrayLike) -> np.ndarray:
         """(n, 3) of material points, in the world [m/s]."""
         some, twist = self._at(points), np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, self.holder, twist, 0)
-        return some.weights @ self.control_velocities + np.cross(twist[:3], some.offset @ self._axes.T)
+        arms = self.control_positions - self.data.xpos[self.holder]
+        carried = np.asarray(np.cross(twist[:3], arms), np.float64)
+        own = (self.control_velocities - twist[3:] - carried) @ self._axes  # as the holder sees it
+        seen = some.velocities(self.regions, self._local, own) @ self._axes.T
+        away = some.positions(self.regions, self._local) @ self._axes.T
+        return twist[3:] + np.cross(twist[:3], away) + seen
 
     def deformation_gradients(self, points: ArrayLike) -> np.ndarray:
         """F (n, 3, 3) at material points: from volume coordinates to the world, the rotation of the body included."""
-        return self._axes @ self._at(points).deformation_gradients(self._local)
+        return self._axes @ self._at(points).deformation_gradients(self.regions, self._local)
 
     def strains(self, points: ArrayLike) -> np.ndarray:
         """Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
@@ -207,16 +211,13 @@ class Soft:
     def stresses(self, points: ArrayLike) -> np.ndarray:
         """Cauchy's stress (n, 3, 3) at material points, in the world's axes [Pa].
 
-        Elastic stress, without damping; of the frames' deformation, without what relaxed regions add to it.
+        Elastic stress, without damping.
         """
         stress = self._at(points).response(self.regions, self._local)[0]
         return self._axes @ stress @ self._axes.T
 
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
-        """Strain energy per volume at rest (n,) at material points [J/m³].
-
-        Of the frames' deformation: where regions are relaxed their sum is more than `elastic_energy`.
-        """
+        """Strain energy per volume at rest (n,) at material points [J/m³]."""
         return self._at(points).response(self.regions, self._local)[1]
 
     @property

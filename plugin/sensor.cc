@@ -16,6 +16,7 @@ constexpr const char* kAttributes[] = {
     "gradient",   // ∇W_j, region's control points, point by point [1/m]
     "constants",  // λ, μ, 0 or those of the law, point by point  (n × 3)
     "slack",      // left out where it is zero                    (n × 9)
+    "lift",       // left out where it is zero; 9 × 3m of each point [1/m]
 };
 
 enum Quantity { kElasticEnergy, kKineticEnergy, kEnergyDensity, kStress, kStrain, kDeformationGradient, kQuantities };
@@ -102,6 +103,7 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
   const auto gradient = reader->Array<double>("gradient");
   const auto constants = reader->Array<double>("constants");
   const auto slack = reader->ArrayOr<double>("slack", 0, 9 * region.size());
+  const auto lift = reader->ArrayOr<double>("lift", 0, 9 * gradient.size());
   constexpr char kMismatch[] = "its points are not those of the soft body: write the sensor again";
   if (!reader->Check(soft.ok() && constants.size() == kLawConstants * region.size(), kMismatch)) return;
   std::vector<size_t> first = {0};
@@ -111,8 +113,10 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
   for (size_t n = 0; n < region.size(); n++) {
     const int32_t e = region[n];
     if (!reader->Check(e >= 0 && e < static_cast<int32_t>(size.size()), kMismatch)) return;
-    Sample sample = {e, {point.begin() + first[e], point.begin() + first[e + 1]}, {}, {}, 0, 0};
-    if (!reader->Check(g + 3 * sample.point.size() <= gradient.size(), kMismatch)) return;
+    Sample sample = {e, {point.begin() + first[e], point.begin() + first[e + 1]}, {}, {}, {}, 0, 0};
+    const size_t end = g + 3 * sample.point.size();
+    if (!reader->Check(end <= gradient.size() && 9 * end <= lift.size(), kMismatch)) return;
+    if (!law) sample.lift.assign(lift.begin() + 9 * g, lift.begin() + 9 * end);
     const double* own = constants.data() + kLawConstants * n;
     if (law) {
       const double volume = 1;
@@ -146,20 +150,26 @@ PointState Sensor::StateOf(const SoftBody& body, size_t n) {
   const Mat3 R = RegionRotation(region, x.data(), kIdentity);
   Vec3 mean{};
   for (const int32_t j : sample.point) mean = mean + (1.0 / m) * x[j];
-  Mat3 slope{};
+  Mat3 slope{}, lifted{};
   for (int j = 0; j < m; j++) {
     const Vec3 arm = x[sample.point[j]] - mean;
     const Vec3 y = MulT(R, arm) - region.rest[j];
-    for (int e = 0; e < 9; e++) {
+    const double* lift = sample.lift.data() + 3 * j;
+    for (int e = 0; e < 9; e++, lift += 3 * m) {
       slope[e] += y[e / 3] * sample.gradient[j][e % 3];
       state.F[e] += arm[e / 3] * sample.gradient[j][e % 3];
+      lifted[e] += lift[0] * y[0] + lift[1] * y[1] + lift[2] * y[2];
     }
   }
+  const Mat3 turned = Mul(R, lifted);
   Mat3 strain, stress;
   double square = 0;
+  for (int e = 0; e < 9; e++) {
+    state.F[e] += sample.slack[e] + turned[e];
+    slope[e] += lifted[e];
+  }
   const double trace = slope[0] + slope[4] + slope[8];
   for (int e = 0; e < 9; e++) {
-    state.F[e] += sample.slack[e];
     strain[e] = 0.5 * (slope[e] + slope[3 * (e % 3) + e / 3]);
     square += strain[e] * strain[e];
     stress[e] = 2 * sample.mu * strain[e] + (e % 4 == 0 ? sample.lam * trace : 0);

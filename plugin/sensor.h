@@ -1,7 +1,7 @@
 // mjframes.sensor: energies of a soft body, and stress and strain at points of its material, as MuJoCo sensors.
 //
-//   F = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ)
-//   ε = sym(Σ_j y_j ∇W_jᵀ), y_j = Rᵀ x_j − x̄_j              corotational, R of the point's region
+//   F = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R L y
+//   ε = sym(Σ_j y_j ∇W_jᵀ + L y), y_j = Rᵀ x_j − x̄_j        corotational, R of the point's region
 //   ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
 //
 // The sensor's object is the body that holds the soft body. F maps volume coordinates to the world, σ is in the world's
@@ -30,6 +30,7 @@ struct Sample {
   int32_t region;
   std::vector<int32_t> point;  // control points of the region              (m)
   std::vector<Vec3> gradient;  // ∇W_j there [1/m]                           (m)
+  std::vector<double> lift;    // L, slopes of what the body moves beyond W_j [1/m], none for other laws  (9 × 3m)
   Mat3 slack;                  // I − Σ_j x̄_j ∇W_jᵀ, 0 where all frames can turn
   double lam, mu;              // of the corotational law [Pa]
 };

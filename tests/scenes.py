@@ -21,13 +21,13 @@ TILTED = (0.9, 0.3, -0.2, 0.25)
 
 
 @cache
-def lump(alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
+def lump(alpha: float = 0.0, beta: float = 0.0, method: str = "whole_body") -> SoftBody:
     """Three materials, two bones and a hole; four frames, one below the other; large regions."""
-    return build(mixed(), 4, damping=(alpha, beta))
+    return build(mixed(), 4, method=method, damping=(alpha, beta))
 
 
 @cache
-def beam(young: float = 2e4, alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
+def beam(young: float = 2e4, alpha: float = 0.0, beta: float = 0.0, method: str = "whole_body") -> SoftBody:
     """0.24 m along x, two layers; five frames in a tree with two branches."""
     labels = np.ones((24, 4, 4), int)
     labels[:, 2:] = 2
@@ -37,7 +37,7 @@ def beam(young: float = 2e4, alpha: float = 0.0, beta: float = 0.0) -> SoftBody:
         2: Material(3 * young, 0.3, 1100),
         3: Material(40 * young, 0.3, 1900),
     }
-    return build(Volume.from_labels(labels, 0.01, materials), 5, damping=(alpha, beta))
+    return build(Volume.from_labels(labels, 0.01, materials), 5, method=method, damping=(alpha, beta))
 
 
 def in_space(body: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -40,7 +40,9 @@ def reference(poisson: float) -> float:
     for _ in range(6):
         force, tangent = internal_force(mesh, moved)
         assert tangent is not None
-        moved.ravel()[free] += np.asarray(spsolve(sparse.csc_array(tangent[free][:, free]), (load - force).ravel()[free]))
+        moved.ravel()[free] += np.asarray(
+            spsolve(sparse.csc_array(tangent[free][:, free]), (load - force).ravel()[free])
+        )
         sags.append(-np.average(moved[tip, 2], weights=share))
     assert abs(sags[-1] - sags[-2]) < 1e-9
     return LINEAR[poisson] * sags[-1] / sags[0]

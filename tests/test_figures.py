@@ -24,7 +24,9 @@ def bar_of_figure_5(method: str) -> SoftBody:
     left = np.zeros(labels.shape, bool)
     left[0] = True
     right = [((len(labels) - 0.5) * EDGE, EDGE / 2, EDGE / 2)]
-    return build(Volume.from_labels(labels, EDGE, materials), at=right, fixed=[Fixed(left)], method=method, metric="compliance")
+    return build(
+        Volume.from_labels(labels, EDGE, materials), at=right, fixed=[Fixed(left)], method=method, metric="compliance"
+    )
 
 
 def pulled(body: SoftBody) -> np.ndarray:

@@ -7,7 +7,6 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from one_region_a_frame import one_region_a_frame
 from scenes import (
     check_implicit_step,
     check_slope_of_energy,
@@ -54,13 +53,18 @@ def bar() -> mf.Volume:
 
 
 @cache
-def body(types: str | tuple[str, ...], links: tuple[str, ...] = ()) -> SoftBody:
+def body(
+    types: str | tuple[str, ...], links: tuple[str, ...] = (), method: str = "whole_body", mass: str = "consistent"
+) -> SoftBody:
     attached = [mf.Attached(link, ends(n == 0)) for n, link in enumerate(links) if link]
     fixed = [mf.Fixed(ends(n == 0)) for n, link in enumerate(links) if not link]
     frames = 4 if isinstance(types, str) else len(types)
-    return mf.build(bar(), frames, frame_type=types, attached=attached, fixed=fixed, damping=(0.5, 0.002))
+    return mf.build(
+        bar(), frames, frame_type=types, attached=attached, fixed=fixed, method=method, mass=mass, damping=(0.5, 0.002)
+    )
 
 
+METHODS = ("whole_body", "paper")
 MIXED = ("point", "rigid", "affine", "quadratic")
 CASES: dict[str, tuple[str | tuple[str, ...], tuple[str, ...], str]] = {
     "point": ("point", (), "world"),
@@ -77,18 +81,17 @@ CASES: dict[str, tuple[str | tuple[str, ...], tuple[str, ...], str]] = {
 }
 
 
-def scene(case: str, by_frame: bool = False, **options: object) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """by_frame: with one region a frame."""
+def scene(case: str, method: str = "whole_body", **options: object) -> tuple[mujoco.MjModel, mujoco.MjData]:
     types, links, parent = CASES[case]
-    made = one_region_a_frame(body(types, links)) if by_frame else body(types, links)
+    made = body(types, links, method)
     pos = (0.0, 0.0, 0.0) if parent == "world" else (0.01, -0.03, -0.03)
     return compiled(ARM, (made, pos, (1, 0, 0, 0)), parent=parent, contact=False, **options)
 
 
-@pytest.mark.parametrize("by_frame", [False, True], ids=["regions", "one region a frame"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", CASES)
-def test_rest_is_free_of_force(case: str, by_frame: bool) -> None:
-    model, data = scene(case, by_frame)
+def test_rest_is_free_of_force(case: str, method: str) -> None:
+    model, data = scene(case, method)
     mujoco.mj_forward(model, data)
     rest = soft(model, data, "soft0").rest
     firmness = np.abs(implicit_step(model, data)[1]).max() / model.opt.timestep**2
@@ -96,18 +99,19 @@ def test_rest_is_free_of_force(case: str, by_frame: bool) -> None:
 
 
 @pytest.mark.parametrize("angle", [0.4, 3.0])
-@pytest.mark.parametrize("by_frame", [False, True], ids=["regions", "one region a frame"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", CASES)
-def test_force_and_inertia_are_those_of_the_implicit_step(case: str, by_frame: bool, angle: float) -> None:
-    check_implicit_step(*scene(case, by_frame), np.random.default_rng(0), angle, rtol=1e-10)
+def test_force_and_inertia_are_those_of_the_implicit_step(case: str, method: str, angle: float) -> None:
+    rtol = 1e-10 if angle < 1 else 1e-7  # where frames are turned about, some regions hardly determine a rotation
+    check_implicit_step(*scene(case, method), np.random.default_rng(0), angle, rtol)
 
 
-@pytest.mark.parametrize("by_frame", [False, True], ids=["regions", "one region a frame"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", CASES)
-def test_force_is_the_slope_of_the_energy(case: str, by_frame: bool) -> None:
+def test_force_is_the_slope_of_the_energy(case: str, method: str) -> None:
     # frames that disagree have other forces; single points do not, and near their line they determine no rotation
-    length = 0.004 if by_frame and case != "point" else 0.02
-    check_slope_of_energy(*scene(case, by_frame), np.random.default_rng(1), 0.4, 3, length)
+    length = 0.004 if method == "whole_body" and case != "point" else 0.02
+    check_slope_of_energy(*scene(case, method), np.random.default_rng(1), 0.4, 3, length)
 
 
 @pytest.mark.parametrize("case", ["all types", "two links of one branch", "all types, two links of one branch"])
@@ -146,8 +150,9 @@ def test_one_frame_that_cannot_deform_is_refused(frame_type: str) -> None:
 
 
 def test_links_of_several_branches_are_held_enlarged() -> None:
+    made = body("affine", ("lower", "other"), mass="lumped")
     with pytest.warns(BranchWarning, match=r"soft0: \d of \d regions couple 'other' to other branches"):
-        model, data = compiled(ARM, (body("affine", ("lower", "other")), (0, 0, 0), (1, 0, 0, 0)), contact=False)
+        model, data = compiled(ARM, (made, (0, 0, 0), (1, 0, 0, 0)), contact=False)
     view = soft(model, data, "soft0")
     rng = np.random.default_rng(4)
     jumble(model, data, rng, 0.02, 0.4)

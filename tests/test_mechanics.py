@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from one_region_a_frame import one_region_a_frame
 from scenes import distorted, in_space, lump
 from scipy.spatial.transform import Rotation
 from test_kinematics import MIXED
@@ -21,9 +20,9 @@ STATES = 100
 
 @cache
 def regions() -> dict[str, CorotationalRegion]:
-    """Of a body of three materials and two bones, and of bodies with one region a frame, of all types of frames."""
-    bodies = {"lump": lump(), "lump by frame": one_region_a_frame(lump())}
-    bodies |= {f"{name} by frame": one_region_a_frame(bar(name)) for name in ("quadratic", "rigid", "point", MIXED)}
+    """Of a body of three materials and two bones by both methods, and of bodies of all types of frames."""
+    bodies = {"lump by regions": lump(method="paper"), "lump": lump()}
+    bodies |= {str(name): bar(name) for name in ("quadratic", "rigid", "point", MIXED)}
     return {f"{name}, region {e}": region for name, body in bodies.items() for e, region in enumerate(regions_of(body))}
 
 

@@ -22,9 +22,7 @@ from mjframes.volume import Volume
 # frame types, and whether such a frame can itself be strained
 STRAINED = {"affine": True, "quadratic": True, "rigid": False, "point": False}
 KERNELS = ("voronoi", "harmonic", "linear")
-CASES = [
-    (name, kernel) for name, strained in STRAINED.items() for kernel in (KERNELS if strained else ("linear",))
-]
+CASES = [(name, kernel) for name, strained in STRAINED.items() for kernel in (KERNELS if strained else ("linear",))]
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import mujoco
 import numpy as np
 import pytest
-from one_region_a_frame import one_region_a_frame
 from scenes import (
     TILTED,
     beam,
@@ -31,7 +30,7 @@ from mjframes.view import Soft, soft, soft_names
 BODIES = {
     "deep tree": lump,
     "branched tree": beam,
-    "one region a frame": lambda **damping: one_region_a_frame(beam(**damping)),
+    "the paper's regions": partial(beam, method="paper"),
 }
 
 # A soft beam lies across a free box, a free lid on the beam; a soft lump lies beside them, all on one floor.
@@ -69,7 +68,7 @@ def assert_close(actual: np.ndarray, expected: np.ndarray, tolerance: float = 1e
 
 def test_bodies_have_the_trees_they_are_named_after() -> None:
     parents = {name: np.bincount(make().parent[1:]).max() for name, make in BODIES.items()}
-    assert parents == {"deep tree": 1, "branched tree": 2, "one region a frame": 2}
+    assert parents == {"deep tree": 1, "branched tree": 2, "the paper's regions": 2}
 
 
 def test_rest_is_free_of_force(body: SoftBody) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from one_region_a_frame import one_region_a_frame
 from scenes import lump
 from test_kinematics import MIXED
 from test_kinematics import body as bar
@@ -27,7 +26,7 @@ POINTS = RNG.normal(size=(12, 3))
 
 @pytest.fixture(params=BODIES)
 def body(request: pytest.FixtureRequest) -> SoftBody:
-    return one_region_a_frame(BODIES[request.param]())
+    return BODIES[request.param]()
 
 
 def deformation(x: np.ndarray, gradient: np.ndarray) -> np.ndarray:

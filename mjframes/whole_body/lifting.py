@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 MODES = 12  # a region: half of what weights miss is in the first eight to sixteen
 SEEN = 1e-10  # [-] eigenvalue of a scaled covariance below which a combination of points never moves
 FLAT = 1e-9  # [-] singular value below which points cannot turn about an axis
+OTHER = 1e-6  # [-] what a neighbour of another material counts in a slope: nothing beside one of the same
 SLIGHT = 1e-3  # [-] rms of a mode, to that of the region's motion, below which it is left out
 
 
@@ -99,6 +100,32 @@ def displaced(lifted: Lifting, stiffness: Stiffness, region: NDArray[np.int32], 
     ):
         found[voxels] = np.tensordot(lifted.mode[voxels, :, : len(share)], share @ x[degrees(points)], (2, 0))
     return found
+
+
+def mode_slopes(
+    grid: Grid,
+    mode: NDArray[np.float32],
+    voxels: NDArray[np.integer],
+    region: NDArray[np.int32],
+    within: NDArray[np.int32],
+) -> Array:
+    """Return ∇Φ (s, 3, 3, q) [1/m] at voxels (s,), derivatives in the third axis, in volume coordinates.
+
+    mode: (n, 3, q).  region, within: (n,) labels; a slope along an index axis is the mean of those towards the
+    neighbours of the same `within`, or without any, of the same region, or 0.
+    """
+    slopes = np.zeros((len(voxels), *mode.shape[1:], 3))
+    own = mode[voxels]
+    for axis, step in enumerate(np.eye(3, dtype=np.int32)):
+        sums, weight = np.zeros(own.shape), np.zeros(len(voxels))
+        for side in (-1, 1):
+            other = grid.padded[tuple((grid.index[voxels] + 1 + side * step).T)]
+            inside = (other >= 0) & (region[other] == region[voxels])
+            counts = np.where(within[other] == within[voxels], 1.0, OTHER) * inside
+            sums += (side * counts / grid.spacing[axis])[:, None, None] * (mode[other] - own)
+            weight += counts
+        slopes[..., axis] = sums / np.where(weight > 0, weight, 1)[:, None, None]
+    return np.einsum("vmqb,ab->vmaq", slopes, grid.axes)
 
 
 def _blind(share: Array, rest: Array, still: NDArray[np.integer]) -> Array:

@@ -18,6 +18,8 @@ from mjframes.rotations import with_rotations
 from mjframes.stiffness import Stiffness
 from mjframes.whole_body.selection import Part
 
+STILL = 1e-12  # [-] stiffness, to the largest, that is rounding
+
 
 def regions_of(
     grid: Grid,
@@ -29,10 +31,13 @@ def regions_of(
     """Return the regions' stiffness, and the region (n,) of each voxel.
 
     weights: (n, f) at the voxels.  parts: (f,) what each frame adds.  links: the bodies that hold the first frames;
-    what only frames of one body would share needs no region.
+    what only frames of one body would share needs no region, nor does a frame that nothing strains, as a rigid root.
     """
     held = [{links[i] for i in control.frame[part.points]} if f < len(links) else set() for f, part in enumerate(parts)]
-    kept = [f for f in range(len(parts)) if f >= len(links) or len(held[f]) > 1]
+    firm = STILL * max(np.abs(part.matrix).max() for part in parts)
+    kept = [
+        f for f, part in enumerate(parts) if np.abs(part.matrix).max() > firm and (f >= len(links) or len(held[f]) > 1)
+    ]
     label, sets = frame_sets(weights)
     region = np.array([_region_of(np.flatnonzero(row), parts, control, kept) for row in sets], np.int32)[label]
     stiffness = Stiffness(
