@@ -1,0 +1,358 @@
+"""The multigrid solver, from a brick up to whole bodies: against the assembled matrix, solved directly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+from shapes import bar, block
+from solved import BODIES, Solved, assembled, body, grid_of, rigid, solved
+
+from mjframes.errors import MjframesError
+from mjframes.finite_elements import conjugate, kernels
+from mjframes.finite_elements.batch import Batch
+from mjframes.finite_elements.cycle import precondition
+from mjframes.finite_elements.displacements import TOLERANCE, displacements
+from mjframes.finite_elements.element import CORNERS, brick_stiffness, coefficients
+from mjframes.finite_elements.matrices import BlockRows
+from mjframes.finite_elements.mesh import body_mesh
+from mjframes.finite_elements.motions import motions
+from mjframes.finite_elements.respond import respond
+from mjframes.finite_elements.solver import body_solver
+from mjframes.grid import Grid
+
+EDGES = np.array([0.01, 0.013, 0.008])
+POISSON = (0.0, 0.3, 0.499)
+LEVELLED = ("composite 1:1e4", "two sheets", "edges and a corner", "free", "touching pieces")
+
+
+# one brick
+
+
+@pytest.mark.parametrize("poisson", POISSON)
+def test_a_brick_resists_nothing_but_its_strain(poisson):
+    matrix, place = brick_stiffness(poisson, EDGES), CORNERS * EDGES
+    assert np.array_equal(matrix, matrix.T)
+    values = np.linalg.eigvalsh(matrix)
+    assert np.abs(values[:6]).max() < 1e-12 * values[-1] < 1e-6 * values[6]
+    assert np.abs(matrix @ rigid(place)).max() < 1e-12 * np.abs(matrix).max()
+
+
+@pytest.mark.parametrize("poisson", POISSON)
+def test_patch_of_a_brick_has_the_energy_and_the_forces_of_its_stress(poisson):
+    slope = np.random.default_rng(0).normal(size=(3, 3))
+    strain = (slope + slope.T) / 2
+    lam, mu = poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
+    stress = lam * np.trace(strain) * np.eye(3) + 2 * mu * strain
+    force = (brick_stiffness(poisson, EDGES) @ (CORNERS * EDGES @ slope.T).ravel()).reshape(8, 3)
+    areas = (2 * CORNERS - 1) * np.prod(EDGES) / EDGES / 4  # of the three faces at a corner, a quarter each, outwards
+    np.testing.assert_allclose(force, areas @ stress, rtol=0, atol=1e-12 * np.abs(force).max())
+
+
+@pytest.mark.parametrize("poisson", POISSON)
+@pytest.mark.parametrize(("along", "across"), [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)])
+def test_a_brick_bends_as_a_beam_does(poisson, along, across):
+    """½ EI κ² L, with κ = 1: plain bricks are stiffer by a third and more."""
+    x = (CORNERS - 0.5) * EDGES
+    third = 3 - along - across
+    moved = np.zeros((8, 3))
+    moved[:, along] = x[:, along] * x[:, across]
+    moved[:, third] = -poisson * x[:, third] * x[:, across]  # the saddle of a bent beam
+    energy = moved.ravel() @ brick_stiffness(poisson, EDGES) @ moved.ravel() / 2
+    inertia = EDGES[third] * EDGES[across] ** 3 / 12
+    assert energy == pytest.approx(inertia * EDGES[along] / 2, rel=1e-10)
+
+
+@pytest.mark.parametrize("poisson", POISSON)
+def test_coefficients_are_all_of_a_brick(poisson):
+    """One product of the kernel with unit displacements gives back the matrix."""
+    k, matrix = 24, brick_stiffness(poisson, EDGES)
+    corner, planes = np.array([[0, 2, 4, 6]], np.int32), np.array([0, 4, 8])
+    product = np.zeros(24 * k)
+    scratch = np.zeros((kernels.SCRATCH + 24) * k)
+    kernels.subtract_bricks(
+        np.eye(24).ravel(),
+        product,
+        corner,
+        np.zeros(1, np.int32),
+        coefficients(matrix)[None],
+        np.array([0, 1]),
+        planes,
+        scratch,
+        (0,) * k,
+    )
+    np.testing.assert_allclose(-product.reshape(24, k), matrix, rtol=0, atol=1e-13 * np.abs(matrix).max())
+
+
+# a body's bricks
+
+
+def test_bridges_join_voxels_that_touch_along_an_edge_or_at_a_corner():
+    soft_and_stiff = (1e3, 0.3), (1e6, 0.3)
+    labels = np.zeros((2, 2, 1), int)
+    labels[0, 0], labels[1, 1] = 2, 1
+    mesh = body_mesh(grid_of(labels, *soft_and_stiff), [])
+    assert len(mesh.place) == 3
+    assert mesh.material[mesh.voxel < 0].tolist() == [0]  # of the softer one
+    corner = np.zeros((2, 2, 2), int)
+    corner[0, 0, 0], corner[1, 1, 1] = 1, 2
+    assert np.count_nonzero(body_mesh(grid_of(corner, *soft_and_stiff), []).voxel < 0) == 2
+    corner[1, 0] = 1  # faces connect all now, but for the last
+    corner[1, 1] = 0
+    assert np.count_nonzero(body_mesh(grid_of(corner, *soft_and_stiff), []).voxel < 0) == 0
+
+
+def test_a_node_of_two_pieces_is_the_firsts():
+    grid = bar(1, 1, 1, 1)
+    mesh = body_mesh(grid, [np.array([1]), np.array([0])])
+    assert mesh.voxel.tolist() == [2, 3]
+    assert mesh.held_by.reshape(3, 4).tolist() == [[0] * 4, [-1] * 4, [-1] * 4]
+
+
+@pytest.mark.parametrize(
+    ("held", "message"),
+    [
+        ([[]], r"held\[0\] is empty"),
+        ([[0, 1], [1, 2]], r"held\[1\] overlaps an earlier piece"),
+        ([[0, 1], [2, 3, 4, 5]], "leave no voxel free"),
+        ([[0, 1, 2, 4, 5]], None),
+        ([[0, 2, 4], [1, 3]], None),
+        ([[0, 2, 3, 5]], None),
+    ],
+)
+def test_pieces_that_cannot_be_held(held, message):
+    pieces = [np.array(piece, np.int64) for piece in held]
+    if message is None:
+        body_solver(bar(1, 1, 1, 1, 1, 1), pieces)
+        return
+    with pytest.raises(MjframesError, match=message):
+        body_solver(bar(1, 1, 1, 1, 1, 1), pieces)
+
+
+def test_held_pieces_all_around_leave_nothing_free():
+    with pytest.raises(MjframesError, match="leave no node of the voxels free"):
+        body_solver(bar(1, 1, 1), [np.array([0]), np.array([2])])
+
+
+def test_a_body_in_several_parts_is_refused():
+    with pytest.raises(MjframesError, match="several parts that touch nowhere"):
+        body_solver(bar(1, 0, 1))
+
+
+# the levels
+
+
+@pytest.mark.parametrize("name", LEVELLED)
+def test_products_are_those_of_the_assembled_matrix(name):
+    some, rng = body(name), np.random.default_rng(0)
+    levels = some.solver.levels
+    x = rng.normal(size=(3 * levels.nodes, levels.columns))
+    r = rng.normal(size=x.shape)
+    expected = r - some.matrix @ x / levels.unit
+    found = r.astype(levels.dtype).ravel()
+    batch = Batch(levels)
+    levels.finest.subtract(x.astype(levels.dtype).ravel(), found, batch.scratch[0], batch.lanes)
+    size = abs(some.matrix) @ abs(x) / levels.unit
+    assert np.all(abs(found.reshape(x.shape) - expected) < 20 * np.finfo(levels.dtype).eps * (size + abs(r)))
+
+
+def interpolation(some: Solved, number: int) -> sparse.csr_array:
+    """P (N, N') of a level, of one component."""
+    level, coarser = some.solver.levels.above[number], some.solver.levels.above[number + 1 :]
+    count = len(coarser[0].weight) if coarser else len(some.solver.levels.last) // 3
+    start, item = level.parent
+    return sparse.csr_array((np.repeat(level.weight, np.diff(start)), item, start), shape=(len(level.weight), count))
+
+
+def matrix_of(some: Solved, number: int) -> sparse.csr_array:
+    """A of a level, in the levels' unit."""
+    levels = some.solver.levels
+    if not number:
+        return some.matrix / levels.unit
+    rows = levels.above[number].matrix
+    assert isinstance(rows, BlockRows)
+    count = 3 * len(levels.above[number].weight)
+    value = rows.value.reshape(-1, 3, 3).astype(float)
+    return sparse.csr_array(sparse.bsr_array((value, rows.column, rows.start), shape=(count, count)))
+
+
+@pytest.mark.parametrize("name", LEVELLED)
+def test_coarse_matrices_are_galerkins(name):
+    some = body(name)
+    levels = some.solver.levels
+    assert levels.above
+    for number in range(len(levels.above)):
+        p = sparse.kron(interpolation(some, number), sparse.eye_array(3))
+        expected = (p.T @ matrix_of(some, number) @ p).toarray()
+        if number + 1 < len(levels.above):
+            found = matrix_of(some, number + 1).toarray()
+        else:  # only its inverse is kept, on which dependent nodes do not appear
+            used = np.diag(levels.last) > 0
+            product = levels.last[np.ix_(used, used)] @ expected[np.ix_(used, used)]
+            motion = 0 if some.solver.held else 6
+            values = np.linalg.eigvals(product).real
+            assert np.count_nonzero(abs(values - 1) > 1e-3) <= motion
+            continue
+        scale = np.sqrt(np.diag(expected))
+        assert np.abs((found - expected) / scale / scale[:, None]).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", LEVELLED)
+def test_coarse_nodes_carry_rigid_motions_exactly(name):
+    some = body(name)
+    position = some.solver.mesh.position[some.solver.mesh.held_by < 0]
+    linear = np.hstack([np.ones((len(position), 1)), position / position.max()])
+    chain = interpolation(some, 0)[some.solver.mesh.held_by < 0]
+    for number in range(len(some.solver.levels.above)):
+        chain = chain @ interpolation(some, number) if number else chain
+        dense = chain.toarray()
+        missed = linear - dense @ np.linalg.lstsq(dense, linear, rcond=None)[0]
+        assert np.abs(missed).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", LEVELLED)
+def test_restriction_is_prolongation_transposed(name):
+    levels = body(name).solver.levels
+    level, rng, lanes = levels.above[0], np.random.default_rng(1), (0,) * levels.columns
+    p = interpolation(body(name), 0)
+    fine, coarse = (rng.normal(size=(count, 3 * len(lanes))).astype(levels.dtype) for count in p.shape)
+    d, x, restricted = np.zeros(fine.size, levels.dtype), fine.flatten(), np.zeros(coarse.size, levels.dtype)
+    kernels.prolong(*level.parent, level.weight, coarse.ravel(), d, x, lanes)
+    kernels.restrict(*level.parent, level.weight, fine.ravel(), restricted, lanes)
+    np.testing.assert_allclose(d.reshape(fine.shape), p @ coarse, atol=1e-5)
+    np.testing.assert_allclose(x.reshape(fine.shape), fine + p @ coarse, atol=1e-5)
+    np.testing.assert_allclose(restricted.reshape(coarse.shape), p.T @ fine, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", LEVELLED)
+def test_the_preconditioner_is_symmetric_and_positive(name):
+    """And never overshoots: the eigenvalues of MA are 1 at most, but for rounding."""
+    some = body(name)
+    levels, rng = some.solver.levels, np.random.default_rng(2)
+    x = rng.normal(size=(3 * levels.nodes, levels.columns)) * some.free[:, None]
+    batch = Batch(levels)
+    batch.r[0][:] = x.ravel()
+    z = precondition(levels, batch).reshape(x.shape).astype(float)
+    form = x.T @ z
+    size = np.sqrt(np.diag(form))
+    assert np.all(np.diag(form) > 0)
+    assert np.abs((form - form.T) / size / size[:, None]).max() < 2e-5
+    assert not z[~some.free].any()
+    largest = np.linalg.eigvals(np.linalg.solve(form, z.T @ (some.matrix / levels.unit) @ z)).real.max()
+    assert largest < 1.001
+
+
+# solutions
+
+
+def loads_of(some: Solved, count: int = 20) -> np.ndarray:
+    """(n, 3, c) weights along the axes, pushes at places and noise; balanced on a free body."""
+    rng, n = np.random.default_rng(4), len(some.grid.index)
+    force = np.zeros((n, 3, count))
+    force[:, range(3), range(3)] = some.grid.density[:, None] * some.grid.cell_volume
+    for c in range(3, count):
+        force[rng.integers(0, n, 1 + c // 3), :, c] = rng.normal(size=(1 + c // 3, 3))
+    if not some.solver.held:
+        motion = np.linalg.qr(rigid((some.grid.index + 0.5) * some.grid.spacing))[0]
+        flat = force.reshape(3 * n, count)
+        force = (flat - motion @ (motion.T @ flat)).reshape(force.shape)
+        force[..., :3] = force[..., 3:6]  # its weights balance to nothing
+    return force
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_displacements_do_the_work_of_the_exact_ones(name):
+    """Conjugate gradients do too little of it, by the square of their error in the energy norm."""
+    some = body(name)
+    force = loads_of(some)
+    flat = force.reshape(-1, force.shape[2])
+    exact = some.centre @ some.solve(some.centre.T @ flat)
+    found = displacements(some.solver, force).reshape(flat.shape)
+    done, due = (np.einsum("dc,dc->c", flat, moved) for moved in (found, exact))
+    assert np.all(done < due * (1 + 1e-4))
+    assert np.all(due - done < 1.2 * TOLERANCE**2 * due)
+    error = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    assert np.max(error) < TOLERANCE
+
+
+def functions_of(some: Solved, dtype: type = float) -> sparse.csr_array:
+    """(N, 7) smooth forces on the nodes: polynomials that vanish beyond a part of the body, one that is nowhere."""
+    at = some.solver.mesh.position / some.solver.mesh.position.max(axis=0)
+    x, y, z = at.T
+    fields = [np.ones_like(x), x, (x > 0.4) * (x - 0.4), y * x, (x < 0.6) * z, x * x, 0 * x]
+    return sparse.csr_array(np.stack(fields, axis=1).astype(dtype))
+
+
+def whitened(exact: np.ndarray) -> np.ndarray:
+    """(3m, c) combinations whose exact compliance is one, of those that move anything."""
+    scale = 1 / np.sqrt(np.where(np.diag(exact) > 0, np.diag(exact), 1))
+    value, vector = np.linalg.eigh(exact * scale * scale[:, None])
+    kept = value > 1e-6 * value[-1]
+    return scale[:, None] * vector[:, kept] / np.sqrt(value[kept])
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_response_to_functionals(name):
+    """The compliance in its worst combination, and how each combination moves the voxels."""
+    some = body(name)
+    functions = functions_of(some)
+    found = respond(some.solver, functions)
+    force = np.kron(functions.toarray(), np.eye(3))
+    balanced = np.eye(force.shape[1])
+    if not some.solver.held:
+        motion = rigid(some.solver.mesh.position * some.grid.spacing)
+        vectors, values, _ = np.linalg.svd(force.T @ motion)
+        balanced = vectors[:, np.count_nonzero(values > 1e-9 * values[0]) :]
+    moved = some.solve(force @ balanced)
+    exact = balanced.T @ force.T @ moved
+    mix = whitened((exact + exact.T) / 2)
+    values = np.linalg.eigvalsh(mix.T @ balanced.T @ found.compliance @ balanced @ mix)
+    assert values[0] > 0.99
+    assert values[-1] < 1.001
+    assert np.array_equal(found.compliance, found.compliance.T)
+    assert not found.compliance[-3:].any()
+    there = found.moved.reshape(-1, force.shape[1]).astype(float) @ balanced @ mix
+    wanted = some.centre @ moved @ mix
+    error = np.linalg.norm(there - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
+    assert np.max(error) < 0.07
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_motions_of_held_pieces(name):
+    some = body(name)
+    mesh, pieces = some.solver.mesh, max(len(some.solver.held), 1)
+    functions = functions_of(some)
+    found = motions(some.solver, functions)
+    nodes, places = mesh.position * some.grid.spacing, (some.grid.index + 0.5) * some.grid.spacing
+    given = np.zeros((3 * len(nodes), 6 * pieces))
+    at_voxels = np.zeros((3 * len(places), 6 * pieces))
+    for i, voxels in enumerate(some.solver.held or (np.arange(len(places)),)):
+        on_piece = mesh.held_by == i if some.solver.held else np.ones(len(nodes), bool)
+        for points, field, rows in ((nodes, given, np.flatnonzero(on_piece)), (places, at_voxels, voxels)):
+            turns = [np.cross(axis, points[rows] - found.center[i]) / found.scale for axis in np.eye(3)]
+            moves = [np.tile(axis, (len(rows), 1)) for axis in np.eye(3)]
+            dof = (3 * rows[:, None] + np.arange(3)).ravel()
+            field[dof, 6 * i : 6 * i + 6] = np.stack([f.ravel() for f in (*moves, *turns)], axis=1)
+    moved = given.copy()
+    if some.solver.held:
+        moved -= some.solve(some.matrix @ given)
+        at_voxels += some.centre @ moved
+    energy = moved.T @ some.matrix @ moved
+    size = np.sqrt(np.abs(np.diag(energy)))
+    assert np.linalg.eigvalsh(found.energy)[0] >= -1e-6 * np.abs(found.energy).max()
+    if pieces > 1:
+        assert np.abs((found.energy - energy) / size / size[:, None]).max() < 1e-3
+        together = np.concatenate([np.eye(6)] * pieces)
+        for i in range(pieces):
+            offset = found.center[i] - found.center[0]
+            together[6 * i : 6 * i + 3, 3:] = np.cross(np.eye(3), offset).T / found.scale
+        along = together.T @ found.energy @ together
+        assert np.abs(along).max() < 1e-6 * np.abs(found.energy).max()
+    else:
+        assert not found.energy.any()
+    error = np.linalg.norm(found.moved.reshape(at_voxels.shape) - at_voxels, axis=0)
+    assert np.all(error < 0.01 * np.linalg.norm(at_voxels, axis=0))
+    wanted = np.kron(functions.toarray(), np.eye(3)).T @ moved
+    np.testing.assert_allclose(found.moments, wanted, rtol=0, atol=0.01 * np.abs(wanted).max())
