@@ -356,3 +356,106 @@ def test_motions_of_held_pieces(name):
     assert np.all(error < 0.01 * np.linalg.norm(at_voxels, axis=0))
     wanted = np.kron(functions.toarray(), np.eye(3)).T @ moved
     np.testing.assert_allclose(found.moments, wanted, rtol=0, atol=0.01 * np.abs(wanted).max())
+
+
+def test_thin_and_bent_as_scikit_fems_bricks_of_second_order():
+    """A plate one voxel thick, held at an end, under its own weight: plain bricks bend half as far."""
+    fem = pytest.importorskip("skfem")
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+    labels = np.ones((17, 4, 1), int)
+    some = grid_of(labels, (1e4, 0.3))
+    solver = body_solver(some, [np.flatnonzero(some.index[:, 0] < 1)])
+    weight = np.zeros((len(some.index), 3, 1))
+    weight[:, 2] = some.cell_volume
+    ours = displacements(solver, weight, tolerance=1e-4)[:, 2, 0]
+    lines = [np.arange(i, n + 1) * h for i, n, h in zip((1, 0, 0), labels.shape, some.spacing, strict=True)]
+    basis = fem.Basis(fem.MeshHex.init_tensor(*lines), fem.ElementVector(fem.ElementHex2()), intorder=5)
+    matrix = linear_elasticity(*lame_parameters(1e4, 0.3)).assemble(basis)
+    force = fem.LinearForm(lambda v, w: v[2]).assemble(basis)
+    fixed = np.flatnonzero(basis.doflocs[0] < some.spacing[0] + 1e-9)
+    field = fem.solve(*fem.condense(matrix, force, D=fixed))
+    moving = some.index[:, 0] > 0
+    theirs = basis.probes(some.centers[moving].T) @ field
+    theirs = theirs.reshape(3, -1)[2]
+    assert np.linalg.norm(ours[moving] - theirs) < 0.02 * np.linalg.norm(theirs)
+    assert not ours[~moving].any()
+
+
+def sized(monkeypatch: pytest.MonkeyPatch, grid: Grid, held: list[np.ndarray], columns: int) -> Solved:
+    """A body that is solved for so many columns at a time, as if that were all there is memory for."""
+    nodes = len(body_mesh(grid, [np.flatnonzero(mask) for mask in held]).position)
+    monkeypatch.setattr("mjframes.finite_elements.levels.LARGEST", columns * 6 * 3 * 4 * nodes)
+    return solved(grid, *held)
+
+
+@pytest.mark.parametrize("columns", [4, 8])
+def test_large_bodies_are_solved_for_fewer_columns_at_a_time(monkeypatch, columns):
+    grid, held = BODIES["two pieces"]()
+    usual, some = body("two pieces"), sized(monkeypatch, grid, held, columns)
+    assert (usual.solver.levels.columns, some.solver.levels.columns) == (16, columns)
+    force, functions = loads_of(some), functions_of(some)
+    fields = [displacements(each.solver, force, tolerance=1e-3) for each in (usual, some)]
+    np.testing.assert_allclose(*fields, rtol=0, atol=2e-3 * np.abs(fields[0]).max())
+    found = [respond(each.solver, functions).compliance for each in (usual, some)]
+    np.testing.assert_allclose(*found, rtol=0, atol=5e-3 * np.abs(found[0]).max())
+    energies = [motions(each.solver, functions).energy for each in (usual, some)]
+    np.testing.assert_allclose(*energies, rtol=0, atol=2e-4 * np.abs(energies[0]).max())
+
+
+@pytest.mark.parametrize("name", ["composite 1:1e4", "free", "three pieces"])
+def test_results_are_the_same_to_the_bit_whatever_the_threads(monkeypatch, name):
+    grid, held = BODIES[name]()
+    force, functions = loads_of(body(name)), functions_of(body(name))
+
+    def results() -> list[np.ndarray]:
+        solver = body_solver(grid, [np.flatnonzero(mask) for mask in held])
+        response, motion = respond(solver, functions), motions(solver, functions)
+        return [
+            displacements(solver, force),
+            response.compliance,
+            response.moved,
+            motion.energy,
+            motion.moved,
+            motion.moments,
+        ]
+
+    usual = results()
+    monkeypatch.setattr("mjframes.threads.MOST_WORKERS", 1)
+    monkeypatch.setattr("mjframes.finite_elements.batch.MEMORY", 1.0)
+    for first, second in zip(usual, results(), strict=True):
+        assert np.array_equal(first, second)
+
+
+def test_progress_ends_at_all_batches():
+    some = body("three pieces")
+    for solve, batches in (
+        (lambda report: displacements(some.solver, loads_of(some), report), 2),
+        (lambda report: respond(some.solver, functions_of(some), progress=report), 4),
+        (lambda report: motions(some.solver, functions_of(some), progress=report), 1),
+    ):
+        calls: list[tuple[int, int]] = []
+        solve(lambda *call: calls.append(call))
+        assert calls == [(i + 1, batches) for i in range(batches)]
+
+
+def test_the_number_of_steps_does_not_depend_on_the_materials():
+    """Coarse nodes do not cross from stiff to soft."""
+    steps = {}
+    for name in ("block", "composite 1:1e4", "composite 1:1e9"):
+        some = body(name)
+        levels = some.solver.levels
+        batch = Batch(levels)
+        noise = np.random.default_rng(5).normal(size=(3 * levels.nodes, levels.columns)) * some.free[:, None]
+        batch.residual[:] = noise.ravel()
+        batch.r[0][:] = batch.residual
+        batch.direction[:] = precondition(levels, batch)
+        steps[name] = conjugate.solve(levels, batch, batch.residual, batch.solution, batch.direction, 0.01)
+    assert max(steps.values()) <= 8
+
+
+def test_what_is_not_solved_is_said(monkeypatch):
+    monkeypatch.setattr(conjugate, "MOST_STEPS", 2)
+    some = body("two sheets")
+    with pytest.raises(MjframesError, match=r"is not solved: 2 steps leave an error of .* %"):
+        displacements(some.solver, loads_of(some))
