@@ -66,5 +66,6 @@ class ShapeFunctions:
         if self.correction is not None:
             chosen = points_of(self.control, frames)[0]
             value += weights_at(self.correction, voxels, chosen)
-            gradient += weight_gradients(grid, self.correction, voxels, chosen, within)
+            change = weight_gradients(grid, self.correction, voxels, chosen, within)
+            gradient += change - change.mean(axis=1, keepdims=True)  # neighbours may have points that are left out
         return value, gradient

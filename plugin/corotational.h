@@ -7,15 +7,15 @@
 // stiffness: positive semi-definite, blind to rotations of the current shape.
 //
 // The gradients g are the region's own, ḡ, unless it is what one frame, the child, adds to other frames, its parents,
-// and they disagree. Given the parents' rotation the energy is a convex quadratic of the child's points, so that a child
-// that was turned over or inside out finds back: ĝ, of the parents' points alone, takes over as far as the region or one
-// of its frames p disagrees with R₀, the rotation that ḡ gives:
+// and they disagree. Given the parents' rotation the energy is a convex quadratic of the child's points, so that a
+// child that was turned over or inside out finds back: ĝ, of the parents' points alone, takes over as far as the region
+// or one of its frames p disagrees with R₀, the rotation that ḡ gives:
 //
 //   g = θ ḡ + (1 − θ) ĝ,   θ = smoothstep((e − kOpposed) / (kAgreeing − kOpposed))
 //   e = min λ_min(sym(R₀ᵀ F)) over F₀ = Σ_j x_j ḡ_jᵀ and F_p = Σ_j x_j g°_jᵀ;  1 at rest
 //
-// How x changes θ is left out of f and K, as it is for λ. Where θ < 1 K is larger than the Gauss–Newton stiffness: steps
-// of half the length do not overshoot while the regions turn.
+// How x changes θ is left out of f and K, as it is for λ. Where θ < 1 K is larger than the Gauss–Newton stiffness:
+// steps of half the length do not overshoot while the regions turn.
 
 #ifndef MJFRAMES_PLUGIN_COROTATIONAL_H_
 #define MJFRAMES_PLUGIN_COROTATIONAL_H_

@@ -126,6 +126,8 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     }
     point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
   }
+  turns_ = turning_ || m->body_treeid[holder_] >= 0;
+  if (turns_) bias_.resize(points_.size());
   stiffens_ = turning_;
   for (const ControlPoint& point : points_) stiffens_ = stiffens_ && (point.node < 0 || nodes_[point.node].arms);
   replaces_ = !turning_ && OwnsInertia(m, instance);
@@ -299,6 +301,30 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
     v_[j] = Position(motion);
     if (turning_) v_[j] = v_[j] + Cross(Position(motion + 3), lever_[j]);
   }
+}
+
+// With V the spatial velocity and A = Σ dS_a/dt qvel_a over all degrees of freedom above, both at the root's centre of
+// mass, and r from there to the point: a = A_v + A_ω × r + ω × (V_v + ω × r).
+const Vec3* Kinematics::BiasAccelerations(const mjModel* m, const mjData* d) {
+  if (!turns_) return nullptr;
+  const Mat3 axes = Axes(d);
+  int body = -1;
+  double A[6] = {};
+  for (size_t j = 0; j < points_.size(); j++) {
+    if (points_[j].body != body) {
+      body = points_[j].body;
+      std::fill_n(A, 6, 0.0);
+      const int moved = m->body_weldid[body];
+      for (int a = m->body_dofadr[moved] + m->body_dofnum[moved] - 1; moved > 0 && a >= 0; a = m->dof_parentid[a]) {
+        for (int r = 0; r < 6; r++) A[r] += d->cdof_dot[6 * a + r] * d->qvel[a];
+      }
+    }
+    const mjtNum* V = d->cvel + 6 * body;
+    const Vec3 r = WorldPosition(d, static_cast<int>(j)) - Position(d->subtree_com + 3 * m->body_rootid[body]);
+    const Vec3 velocity = Position(V + 3) + Cross(Position(V), r);
+    bias_[j] = MulT(axes, Position(A + 3) + Cross(Position(A), r) + Cross(Position(V), velocity));
+  }
+  return bias_.data();
 }
 
 void Kinematics::StoreForce(const std::vector<Vec3>& force, mjData* d) {

@@ -85,6 +85,10 @@ class Kinematics {
   // x, v of this step.
   void Gather(const mjModel* m, const mjData* d);
 
+  // The points' accelerations at qacc = 0, dJ/dt qvel, in the soft body's axes: centripetal and Coriolis's. Zero where
+  // all points but slide along axes at rest, and then null.
+  const Vec3* BiasAccelerations(const mjModel* m, const mjData* d);
+
   // qfrc_passive += Jᵀ f; force: one a point.
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 
@@ -153,6 +157,7 @@ class Kinematics {
   bool turning_ = false;
   bool replaces_ = false;
   bool stiffens_ = false;  // whether all points ride on frames that turn, so that their turns are stiffened
+  bool turns_ = false;     // whether points turn, or the axes along which they slide
   bool free_ = false;      // whether the first node moves all points
   std::vector<ControlPoint> points_;
   std::vector<Node> nodes_;  // ancestors first
@@ -162,6 +167,7 @@ class Kinematics {
 
   // of this step
   std::vector<Vec3> x_, v_;     // of the points
+  std::vector<Vec3> bias_;      // their accelerations at qacc = 0, where they turn
   std::vector<Vec3> lever_;     // x − the middle of all, where they turn
   Vec3 middle_{};               // of all points, in the soft body's axes; zero where they only slide
   std::vector<Share> load_;     // mass and its moment at and below the nodes

@@ -11,10 +11,10 @@
 namespace mjframes {
 namespace {
 
-// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape turns
-// as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f is not
-// the exact gradient anyway, and steps along rotations that are not well determined overshoot:
-// soft = θ kSoftTwist + (1 − θ) kSoftTwistApart.
+// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape
+// turns as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f
+// is not the exact gradient anyway, and steps along rotations that are not well determined overshoot: soft = θ
+// kSoftTwist + (1 − θ) kSoftTwistApart.
 constexpr double kSoftTwist = 0.1;       // [-]
 constexpr double kSoftTwistApart = 1.0;  // [-] half of what it is at rest
 

@@ -474,6 +474,7 @@ void SoftBody::AssignMass() {
   std::vector<int> own(points);
   for (size_t j = 0; j < points; j++) kinematics_.Couple(static_cast<int>(j), static_cast<int>(j), &own[j]);
   mass_difference_.resize(kinematics_.pairs().size(), 0.0);
+  has_difference_ = std::any_of(mass_difference_.begin(), mass_difference_.end(), [](double m) { return m != 0; });
   mass_ = mass_difference_;
   for (size_t j = 0; j < points; j++) mass_[own[j]] += kinematics_.points()[j].mass;
 }
@@ -492,6 +493,7 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
     AddElasticity();
     if (implicit_) kinematics_.StiffenTurns(force_, d);
     AddDamping(implicit_ ? m->opt.timestep + beta_ : beta_);
+    AddMassBias(m, d);
     kinematics_.StoreForce(force_, d);
   }
   // compute may run again on the same position: start from the rigid inertia each time
@@ -548,6 +550,18 @@ void SoftBody::AddDamping(double rate) {
     const double drag = alpha_ * mass_[i];
     force_[pair.j] = force_[pair.j] - drag * v[pair.k];
     if (pair.j != pair.k) force_[pair.k] = force_[pair.k] - drag * v[pair.j];
+  }
+}
+
+// f −= D dJ/dt qvel, which MuJoCo has for the masses that it knows of
+void SoftBody::AddMassBias(const mjModel* m, const mjData* d) {
+  const Vec3* a = has_difference_ ? kinematics_.BiasAccelerations(m, d) : nullptr;
+  if (!a) return;
+  for (size_t i = 0; i < kinematics_.pairs().size(); i++) {
+    const PointPair& pair = kinematics_.pairs()[i];
+    const double difference = mass_difference_[i];
+    force_[pair.j] = force_[pair.j] - difference * a[pair.k];
+    if (pair.j != pair.k) force_[pair.k] = force_[pair.k] - difference * a[pair.j];
   }
 }
 

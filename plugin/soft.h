@@ -3,12 +3,13 @@
 // The control points ride on MuJoCo bodies that are nested along the elimination tree of the stiffness matrix, so that
 // all of K fits the sparsity of d->M (kinematics.h). Each step
 //
-//   qfrc_passive += Jᵀ (f_elastic − (h + β) K v − α M v)
-//   d->M         += Jᵀ ((h² + h β) K + h α M) J,   then factored
+//   qfrc_passive += Jᵀ (f_elastic − (h + β) K v − α M v − D dJ/dt qvel)
+//   d->M         += Jᵀ ((h² + h β) K + h α M + D) J,   then factored
 //
-// and MuJoCo's own solver finishes the linearly implicit Euler step (7) with contacts and all. In explicit mode the
-// first line has β K v for (h + β) K v and the second is left out. In the second K includes what forces on rigid frames
-// add to the stiffness of their rotation (inertia.cc). Index letters: j, k control point; e region; s surface vertex.
+// where D is what the mass M of the material has beyond the points' masses, which are what MuJoCo knows of, and
+// MuJoCo's own solver finishes the linearly implicit Euler step (7) with contacts and all. In explicit mode the first
+// line has β K v for (h + β) K v, and the second D alone. In the second K includes what forces on rigid frames add to
+// the stiffness of their rotation (inertia.cc). Index letters: j, k control point; e region; s surface vertex.
 // Everything is in the soft body's own axes [SI].
 
 #ifndef MJFRAMES_PLUGIN_SOFT_H_
@@ -72,6 +73,7 @@ class SoftBody {
   void AssignMass();
   void AddElasticity();
   void AddDamping(double rate);
+  void AddMassBias(const mjModel* m, const mjData* d);
   static bool AnyAdds(const mjModel* m, const mjData* d);
   void StoreInertia(const mjModel* m, mjData* d);
 
@@ -91,9 +93,10 @@ class SoftBody {
   std::vector<PatchVolume> volumes_;                 // by patch
   std::vector<std::unique_ptr<PatchState>> states_;  // by patch
   Lattice lattice_;
-  Hulls hulls_;                          // of the scene's meshes
-  std::vector<Features> features_;       // of the scene's geoms
-  std::vector<double> mass_;             // of each pair of points [kg]
+  Hulls hulls_;                     // of the scene's meshes
+  std::vector<Features> features_;  // of the scene's geoms
+  std::vector<double> mass_;        // of each pair of points [kg]
+  bool has_difference_ = false;
   std::vector<double> mass_difference_;  // how much of it MuJoCo does not know of: consistent minus lumped mass [kg]
 
   // of this step; one SoftBody belongs to one mjData

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cache
 
 import mujoco
@@ -147,12 +148,31 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
         alpha, beta = float(view.configuration["alpha"]), float(view.configuration["beta"])
         force, stiffness = elasticity(model, data, view)
         mass = point_mass(model, data, view)
-        passive += force - (h + beta) * stiffness @ v - alpha * mass @ v
+        passive += force - (h + beta) * stiffness @ v - alpha * mass @ v - bias_of_mass(model, data, view)
         stiffness += turning_stiffness(model, data, view)
         inertia += (h**2 + h * beta) * stiffness + h * alpha * mass
         jacobian = point_jacobian(model, data, view)
         inertia += mass - jacobian.T @ (np.repeat(view.mass, 3)[:, None] * jacobian)  # what MuJoCo does not know of
     return passive, inertia
+
+
+def bias_of_mass(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
+    """Jᵀ D dJ/dt qvel (nv,) of the mass that MuJoCo does not know of, from MuJoCo's own accelerations at qacc = 0."""
+    still, gravity = copy.copy(data), model.opt.gravity.copy()
+    model.opt.gravity[:] = 0
+    still.qacc[:], still.qfrc_applied[:], still.xfrc_applied[:] = 0, 0, 0
+    mujoco.mj_rnePostConstraint(model, still)
+    model.opt.gravity[:] = gravity
+    acceleration, spatial, velocity = np.zeros((len(view.bodies), 3)), np.zeros(6), np.zeros(6)
+    for j, (body, x) in enumerate(zip(view.bodies, view.control_positions, strict=True)):
+        mujoco.mj_objectAcceleration(model, still, mujoco.mjtObj.mjOBJ_XBODY, int(body), spatial, 0)
+        mujoco.mj_objectVelocity(model, still, mujoco.mjtObj.mjOBJ_XBODY, int(body), velocity, 0)
+        arm, spin = x - data.xpos[body], velocity[:3]
+        acceleration[j] = spatial[3:] + np.cross(spatial[:3], arm) + np.cross(spin, np.cross(spin, arm))
+    force = np.zeros_like(acceleration)
+    for points, difference in view.mass_difference:
+        force[points] += difference @ acceleration[points]
+    return point_jacobian(model, data, view).T @ force.ravel()
 
 
 def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
