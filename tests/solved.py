@@ -22,9 +22,9 @@ SPACING = (0.01, 0.012, 0.009)
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A body's solver, its matrix A (3N, 3N) [N/m] and `solve`: from forces (3N, c) to displacements, held nodes at rest.
+    """A body's solver, and its matrix A (3N, 3N) [N/m].
 
-    free: (3N,) whether a degree of freedom may move.
+    free: (3N,) whether a degree of freedom may move.  solve: from forces (3N, c) to displacements, held nodes at rest.
     """
 
     grid: Grid

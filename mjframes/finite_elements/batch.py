@@ -89,4 +89,4 @@ def moments(forces: sparse.csr_array, x: Floats, k: int) -> Array:
 def averages(blocks: NDArray[np.integer]) -> sparse.csr_array:
     """Return (r, n) the means over the voxels of each block (n,)."""
     size = np.bincount(blocks)
-    return sparse.csr_array((1 / size[blocks], (blocks, np.arange(len(blocks)))), dtype=np.float32)
+    return sparse.csr_array((1 / size[blocks], (blocks, np.arange(len(blocks)))))

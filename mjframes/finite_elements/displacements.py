@@ -27,7 +27,7 @@ def displacements(
     progress: is called with the batches done and how many there are.  tolerance: see `conjugate`.
     Raise MjframesError where conjugate gradients do not converge.
     """
-    forces = np.asarray(loads, np.float64)
+    forces = np.asarray(loads)
     n, _, count = forces.shape
     levels, k = solver.levels, solver.levels.columns
     to_nodes = sparse.csr_array(solver.centre.T)

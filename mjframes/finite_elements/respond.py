@@ -69,7 +69,7 @@ def respond(
     """
     k = solver.levels.columns
     forces = sparse.csr_array(functions, dtype=solver.levels.dtype)
-    centre = solver.centre if blocks is None else sparse.csr_array(averages(blocks) @ solver.centre)
+    centre = solver.centre if blocks is None else sparse.csr_array(averages(blocks) @ solver.centre, dtype=np.float32)
     with threadpool_limits(1, "blas"):  # the batches are spread over the processors already
         basis = _basis(solver, forces)
         report = reporter(progress, _batches(len(basis), k) + _batches(basis.shape[1], k))

@@ -46,19 +46,17 @@ class Lifting:
 
 
 def lifting(
-    grid: Grid,
     functions: sparse.csr_array,
     control: ControlPoints,
+    axes: Array,
     element: Superelement,
     covariance: Array,
     stiffness: Stiffness,
     region: NDArray[np.int32],
-    place: NDArray[np.integer],
 ) -> Lifting:
-    """Return the modes of all regions.
+    """Return the modes of all regions at the element's r places.
 
-    functions: (n, k) W_j at the voxels.  covariance: K⁺ (3k, 3k).  region: (n,) of each voxel.  place: (n,) which of the
-    element's places each voxel is.
+    functions: (r, k) W_j, and region: (r,) there.  axes: (3, 3) of the grid.  covariance: K⁺ (3k, 3k).
     """
     moved = element.moved.reshape(len(element.moved), 3, -1)
     followed = element.lifting @ covariance  # (c, 3k)
@@ -71,8 +69,8 @@ def lifting(
         if not len(voxels[e]) or not basis.shape[1]:
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
         wanted = (followed[:, dof] @ inverse.T).astype(np.float32)  # of unit, independent motions of the points
-        field = np.tensordot(moved[place[voxels[e]]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
-        field = np.einsum("ab,vbq->vaq", grid.axes.astype(np.float32), field)
+        field = np.tensordot(moved[voxels[e]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
+        field = np.einsum("ab,vbq->vaq", axes.astype(np.float32), field)
         size = np.linalg.norm(field)
         weights = functions[voxels[e]][:, points].toarray().astype(np.float32)
         field -= np.tensordot(weights, basis.reshape(len(points), 3, -1).astype(np.float32), (1, 0))
@@ -86,7 +84,7 @@ def lifting(
 
     found = list(in_parallel(of_region, range(len(stiffness.points))))
     most = max((len(share) for _, share in found), default=0)
-    mode = np.zeros((len(grid.index), 3, most), np.float32)
+    mode = np.zeros((len(region), 3, most), np.float32)
     for some, (values, share) in zip(voxels, found, strict=True):
         mode[some, :, : len(share)] = values
     return Lifting(mode, tuple(share for _, share in found))
