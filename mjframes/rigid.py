@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def rigid_motions(points: NDArray[np.number], center: Array, scale: float = 1.0) -> Array:
+def rigid_motions(points: NDArray[np.number], center: Array, scale: float) -> Array:
     """Return (3s, 6) for points (s, 3): three translations, and rotations about `center` (3,) by 1 / scale."""
     motion = np.zeros((len(points), 3, 6))
     motion[:, range(3), range(3)] = 1

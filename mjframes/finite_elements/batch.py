@@ -32,7 +32,7 @@ class Batch(Workspace):
 
     @cached_property
     def solution(self) -> Floats:
-        """For those who keep none of their own."""
+        """Memory for the results of those who keep none of their own."""
         return np.zeros_like(self.r[0])
 
 

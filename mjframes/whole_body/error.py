@@ -23,7 +23,7 @@ from scipy import ndimage, sparse
 
 from mjframes.control import ControlPoints, control_weights
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions
+from mjframes.rigid import rigid_motions, size_of
 
 Array = NDArray[np.float64]
 
@@ -158,7 +158,7 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
 
 def _rigid(grid: Grid) -> Array:
     """(3n, 6) of the voxels' centres."""
-    return rigid_motions(grid.centers, grid.centers.mean(axis=0), float(np.ptp(grid.centers, axis=0).max()) or 1.0)
+    return rigid_motions(grid.centers, grid.centers.mean(axis=0), size_of(grid.centers))
 
 
 def _without(motion: Array, field: Array) -> Array:
