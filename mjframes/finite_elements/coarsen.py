@@ -144,9 +144,10 @@ def _distinct(parent: Rows, place: Ints) -> tuple[Rows, NDArray[np.float64], Int
     )
     kept = np.sort(first)
     pattern = _pattern(Rows(parent.start, np.searchsorted(kept, first)[same][parent.item].astype(np.int32)), len(kept))
-    pattern.sum_duplicates()
+    share = 1 / np.maximum(np.diff(parent.start), 1)
+    pattern.sum_duplicates()  # in place, `parent.start` too
     distinct = Rows(pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32))
-    return distinct, pattern.data / np.repeat(np.diff(parent.start), np.diff(distinct.start)), place[kept]
+    return distinct, pattern.data * np.repeat(share, np.diff(distinct.start)), place[kept]
 
 
 @njit(cache=True, nogil=True)
