@@ -5,6 +5,8 @@
 2. Conjugate gradients for the columns of B W, which start with the combinations of the cycles' results, give X.
 3. Galerkin's method in the span of all of X: with G = XᵀAX and Y = XᵀB the displacements are C X G⁻¹Y, and
    S = YᵀG⁻¹Y. So S is positive semidefinite and at most the exact one, and its error is but the square of X's.
+
+X is kept in single precision, but AX is made of the X before it was rounded: it is as smooth as the forces are.
 """
 
 from __future__ import annotations
@@ -108,12 +110,12 @@ def _cycles(
 ) -> tuple[list[Floats], Array]:
     """M B of the `count` columns, a batch an array, and S₀."""
     k, columns = solver.levels.columns, np.eye(count)
-    x = [np.empty(solver.levels.nodes * 3 * k, solver.levels.dtype) for _ in range(_batches(len(columns), k))]
+    x = [np.empty(solver.levels.nodes * 3 * k, np.float32) for _ in range(_batches(len(columns), k))]
 
     def improve(batch: Batch, number: int) -> Array:
         load(forces, _batch(columns, number, k), batch.r[0])
-        x[number][:] = precondition(solver.levels, batch)
-        return moments(forces, x[number], k)
+        x[number][:] = found = precondition(solver.levels, batch)
+        return moments(forces, found, k)
 
     parts = [part for some in in_rounds(solver.levels, len(x), improve, report) for _, part in some]
     return x, np.hstack(parts)[:, : len(columns)]
@@ -163,10 +165,11 @@ def _solve(
         chosen = _batch(combinations, number, k)
         load(forces, chosen, batch.residual)
         batch.direction[:] = x[number]
-        conjugate.solve(solver.levels, batch, batch.residual, x[number], batch.direction, tolerance)
+        conjugate.solve(solver.levels, batch, batch.residual, batch.solution, batch.direction, tolerance)
         if not solver.held:
-            solver.remove_rigid(x[number])
-        work[:, number * k : (number + 1) * k] = moments(forces, x[number], k)
+            solver.remove_rigid(batch.solution)
+        work[:, number * k : (number + 1) * k] = moments(forces, batch.solution, k)
+        x[number][:] = batch.solution
         load(forces, chosen, batch.direction)
         batch.direction -= batch.residual  # A x
 
