@@ -187,6 +187,7 @@ def test_coarse_nodes_carry_rigid_motions_exactly(name):
     position = some.solver.mesh.position[free]
     linear = np.hstack([np.ones((len(position), 1)), position / position.max()])
     chain = interpolation(some, 0)[free]
+    np.testing.assert_allclose(chain.sum(axis=1), 1, rtol=1e-6)
     for number in range(len(some.solver.levels.above) if len(some.grid.table) == 1 else 1):
         chain = chain @ interpolation(some, number) if number else chain
         dense = chain.toarray()

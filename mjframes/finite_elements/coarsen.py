@@ -1,9 +1,9 @@
 """Coarser and coarser nodes for a body's mesh: what is apart, or apart but for soft material, stays apart.
 
 A node at place x (three integers) depends on the coarse nodes at ⌊x/2⌋ and ⌈x/2⌉ along each axis: it is the mean of
-its one to eight parents (trilinear). So rigid motions are kept: exactly, but for nodes that depend on two places in just
-the same way, which are merged into one. There may be several coarse nodes at one place: take the nodes that depend on
-the place, and connect those that share a cell (a set of nodes that interact, at first those of a brick). Every
+its one to eight parents (trilinear). So rigid motions are kept: exactly, but for nodes that depend on two places in
+just the same way, which are merged into one. There may be several coarse nodes at one place: take the nodes that depend
+on the place, and connect those that share a cell (a set of nodes that interact, at first those of a brick). Every
 connected part gets a coarse node of its own. So two sheets with a gap are never glued.
 
 A cell connects only nodes around which nothing is much stiffer than itself. So neither are two bones glued by a soft
