@@ -65,22 +65,24 @@ def lifting(
     def of_region(e: int) -> tuple[NDArray[np.float32], Array]:
         points = stiffness.points[e]
         dof = degrees(points)
-        basis, inverse = _whitened(covariance[np.ix_(dof, dof)])
-        if not len(voxels[e]) or not basis.shape[1]:
+        own = covariance[np.ix_(dof, dof)]
+        relative = _relative(control.rest[points], np.flatnonzero(np.diagonal(own) <= 0))
+        inverse = _inverse_root(relative @ own @ relative.T)
+        if not len(voxels[e]) or not len(inverse):
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
-        wanted = (followed[:, dof] @ inverse.T).astype(np.float32)  # of unit, independent motions of the points
+        unit = relative.T @ inverse.T  # to unit, independent motions of the points, but for their common rigid one
+        wanted = (followed[:, dof] @ unit).astype(np.float32)
         field = np.tensordot(moved[voxels[e]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
         field = np.einsum("ab,vbq->vaq", axes.astype(np.float32), field)
         size = np.linalg.norm(field)
         weights = functions[voxels[e]][:, points].toarray().astype(np.float32)
-        field -= np.tensordot(weights, basis.reshape(len(points), 3, -1).astype(np.float32), (1, 0))
+        field -= np.tensordot(weights, (own @ unit).reshape(len(points), 3, -1).astype(np.float32), (1, 0))
         flat = field.reshape(-1, field.shape[2])
         value, vector = np.linalg.eigh((flat.T @ flat).astype(np.float64))
         kept = vector[:, ::-1][:, :MODES][:, value[::-1][:MODES] > (SLIGHT * size) ** 2]
-        still = np.flatnonzero(~basis.any(axis=1))
         mode = field @ kept.astype(np.float32)
         largest = np.abs(mode).max(axis=(0, 1), initial=0)
-        return mode / largest, _blind(largest[:, None] * (kept.T @ inverse), control.rest[points], still)
+        return mode / largest, largest[:, None] * (unit @ kept).T
 
     found = list(in_parallel(of_region, range(len(stiffness.points))))
     most = max((len(share) for _, share in found), default=0)
@@ -126,27 +128,25 @@ def mode_slopes(
     return np.einsum("vmqb,ab->vmaq", slopes, grid.axes)
 
 
-def _blind(share: Array, rest: Array, still: NDArray[np.integer]) -> Array:
-    """T (q, 3m) without what it makes of rigid motions of all points (m, 3), held ones included.
+def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
+    """(3m, 3m) from displacements of m points to those less a rigid motion of all: what is left is what deforms.
 
-    still: the degrees of freedom of the held ones, which take it over, if there are any.
+    still: the degrees of freedom of the held ones, whose motion that is; without any, it is the nearest one.
     """
     some = still if len(still) else np.arange(3 * len(rest))
     turns = rigid_motions(rest, rest[some[::3] // 3].mean(axis=0), size_of(rest))
-    share = share.copy()
-    share[:, some] -= share @ turns @ np.linalg.pinv(turns[some], rcond=FLAT)
-    return share
+    relative = np.eye(3 * len(rest))
+    relative[:, some] -= turns @ np.linalg.pinv(turns[some], rcond=FLAT)
+    return relative
 
 
-def _whitened(covariance: Array) -> tuple[Array, Array]:
-    """A (3m, q) and A⁺ (q, 3m) with A Aᵀ the covariance, 0 for what stands still."""
+def _inverse_root(covariance: Array) -> Array:
+    """A⁺ (q, 3m) of A (3m, q) with A Aᵀ the covariance, 0 for what stands still."""
     variance = np.diagonal(covariance)
-    moves = variance > 0
+    moves = variance > SEEN * variance.max(initial=0)
     scale = np.sqrt(variance[moves])
     value, vector = np.linalg.eigh(covariance[np.ix_(moves, moves)] / scale / scale[:, None])
     kept = value > SEEN * value[-1] if len(value) else value > 0
-    root = np.sqrt(value[kept])
-    basis, inverse = np.zeros((len(moves), len(root))), np.zeros((len(root), len(moves)))
-    basis[moves] = scale[:, None] * vector[:, kept] * root
-    inverse[:, moves] = (vector[:, kept] / root).T / scale
-    return basis, inverse
+    inverse = np.zeros((np.count_nonzero(kept), len(moves)))
+    inverse[:, moves] = (vector[:, kept] / np.sqrt(value[kept])).T / scale
+    return inverse
