@@ -17,6 +17,6 @@ def rigid_motions(points: NDArray[np.number], center: Array, scale: float) -> Ar
     return motion.reshape(-1, 6)
 
 
-def size_of(points: Array) -> float:
+def size_of(points: NDArray[np.number]) -> float:
     """Return the diagonal of the box around points (s, 3) [m], 1 for a single one."""
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
