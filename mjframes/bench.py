@@ -359,12 +359,15 @@ def _timed_build(volume: Volume, size: Size) -> tuple[SoftBody, dict[str, float]
     times: list[float] = []
 
     def progress(stage: str) -> None:
-        names.append(stage)
+        names.append(stage.split(":")[0])
         times.append(time.perf_counter())
 
     body = build(volume, *size, progress=progress)
     times.append(time.perf_counter())
-    return body, dict(zip(names, np.diff(times).tolist(), strict=True))
+    spent = dict.fromkeys(names, 0.0)
+    for name, seconds in zip(names, np.diff(times).tolist(), strict=True):
+        spent[name] += seconds
+    return body, spent
 
 
 def _scene(body: SoftBody, volume: Volume, contact: bool) -> mujoco.MjSpec:

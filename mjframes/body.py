@@ -174,7 +174,7 @@ def build(
     damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
     fixed, attached: pieces that do not move in the body that the soft body is attached to, or that move with a named
     one; each is a frame of its own, beside those asked for.
-    progress: called with the name of each stage.
+    progress: called with the name of each stage, and as "stage: 25%" within long ones.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
     try:
@@ -225,8 +225,7 @@ def build(
 
     made = None
     if samples is None:
-        progress("solving the finite elements")
-        finite = finite_elements(grid, cores)
+        finite = finite_elements(grid, cores, progress)
 
         def condensed(some: Frames) -> WholeBody:
             return whole_body(grid, finite, some.shapes, some.types, links, progress)

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -145,16 +146,36 @@ def control_weights(
     weights_rows: sparse.csr_array, control: ControlPoints, points: NDArray[np.float64]
 ) -> sparse.csr_array:
     """W_j (s, k) at points (s, 3) [m] from the frame weights (s, f) there; rows sum to 1."""
-    per_frame = np.bincount(control.frame, minlength=frame_count(weights_rows))
-    first = np.cumsum(per_frame) - per_frame
-    repeats = per_frame[weights_rows.indices]
-    within = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
-    j = np.repeat(first[weights_rows.indices], repeats) + within
-    row = np.repeat(np.repeat(np.arange(len(points)), np.diff(weights_rows.indptr)), repeats)
-    phi = np.einsum("ql,ql->q", control.basis[j], monomials(control, j, points[row]))
-    return sparse.csr_array(
-        (np.repeat(weights_rows.data, repeats) * phi, (row, j)), shape=(len(points), len(control.frame))
-    )
+    first = np.searchsorted(control.frame, np.arange(frame_count(weights_rows) + 1))
+    number = np.append(0, np.cumsum(np.diff(first)[weights_rows.indices]))[weights_rows.indptr]
+    column, value = np.empty(number[-1], np.int32), np.empty(number[-1])
+    of_frame = first, control.basis, control.center, control.scale, control.axes
+    _multiply(weights_rows.indptr, weights_rows.indices, weights_rows.data, *of_frame, points, column, value)
+    return sparse.csr_array((value, column, number), shape=(len(points), len(control.frame)))
+
+
+@njit(cache=True, nogil=True)
+def _multiply(start, frame, weight, first, basis, center, scale, axes, points, column, value):
+    """Fill w_i φ_j, row by row; first: (f + 1,) control point of each frame, which share center and scale."""
+    at = 0
+    monomial = np.ones(10)
+    for s in range(len(points)):
+        for t in range(start[s], start[s + 1]):
+            begin, end = first[frame[t]], first[frame[t] + 1]
+            for a in range(3):
+                y = 0.0
+                for b in range(3):
+                    y += (points[s, b] - center[begin, b]) * axes[b, a]
+                monomial[1 + a] = y / scale[begin]
+            for a in range(3):
+                monomial[4 + a] = monomial[1 + a] ** 2
+                monomial[7 + a] = monomial[1 + a] * monomial[1 + (a + 1) % 3]
+            for j in range(begin, end):
+                total = 0.0
+                for q in range(10):
+                    total += basis[j, q] * monomial[q]
+                column[at], value[at] = j, weight[t] * total
+                at += 1
 
 
 def _by_frame(control: ControlPoints, chosen: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def rigid_motions(points: NDArray[np.number], center: Array, scale: float = 1.0) -> Array:
+def rigid_motions(points: NDArray[np.number], center: Array, scale: float) -> Array:
     """Return (3s, 6) for points (s, 3): three translations, and rotations about `center` (3,) by 1 / scale."""
     motion = np.zeros((len(points), 3, 6))
     motion[:, range(3), range(3)] = 1
@@ -17,6 +17,6 @@ def rigid_motions(points: NDArray[np.number], center: Array, scale: float = 1.0)
     return motion.reshape(-1, 6)
 
 
-def size_of(points: Array) -> float:
+def size_of(points: NDArray[np.number]) -> float:
     """Return the diagonal of the box around points (s, 3) [m], 1 for a single one."""
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0

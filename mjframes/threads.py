@@ -14,12 +14,12 @@ R = TypeVar("R")
 
 
 def workers() -> int:
-    """How many threads a stage uses."""
+    """Return how many threads a stage uses."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(available, MOST_WORKERS)
 
 
 def in_parallel(work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-    """The results of `work` on each item, in the order of the items, whichever thread is first."""
+    """Yield the results of `work` on each item, in the order of the items, whichever thread is first."""
     with ThreadPoolExecutor(workers()) as pool:
         yield from pool.map(work, items)

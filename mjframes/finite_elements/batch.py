@@ -32,7 +32,7 @@ class Batch(Workspace):
 
     @cached_property
     def solution(self) -> Floats:
-        """For those who keep none of their own."""
+        """Memory for the results of those who keep none of their own."""
         return np.zeros_like(self.r[0])
 
 
@@ -80,7 +80,8 @@ def multiply(matrix: sparse.csr_array, source: Floats, target: Floats) -> None:
 
 def moments(forces: sparse.csr_array, x: Floats, k: int) -> Array:
     """Return (3m, k): what each force (N, m) along each axis does on displacements x (N, 3, k)."""
-    total = np.zeros((forces.shape[1], 3 * k))
+    _, count = forces.shape  # pyright: ignore[reportGeneralTypeIssues]  as above
+    total = np.zeros((count, 3 * k))
     kernels.measure(forces.indptr, forces.indices, forces.data, x.reshape(-1, 3 * k), total)
     return total.reshape(-1, k)
 
@@ -88,4 +89,4 @@ def moments(forces: sparse.csr_array, x: Floats, k: int) -> Array:
 def averages(blocks: NDArray[np.integer]) -> sparse.csr_array:
     """Return (r, n) the means over the voxels of each block (n,)."""
     size = np.bincount(blocks)
-    return sparse.csr_array((1 / size[blocks], (blocks, np.arange(len(blocks)))), dtype=np.float32)
+    return sparse.csr_array((1 / size[blocks], (blocks, np.arange(len(blocks)))))

@@ -1,9 +1,10 @@
 """Coarser and coarser nodes for a body's mesh: what is apart, or apart but for soft material, stays apart.
 
-A node at place x (three integers) depends on the coarse nodes at ⌊x/2⌋ and ⌈x/2⌉ along each axis: it is the mean of its
-one to eight parents (trilinear). So rigid motions are kept exactly. There may be several coarse nodes at one place: take
-the nodes that depend on the place, and connect those that share a cell (a set of nodes that interact, at first those
-of a brick). Every connected part gets a coarse node of its own. So two sheets with a gap are never glued.
+A node at place x (three integers) depends on the coarse nodes at ⌊x/2⌋ and ⌈x/2⌉ along each axis: it is the mean of
+its one to eight parents (trilinear). So rigid motions are kept: exactly, but for nodes that depend on two places in
+just the same way, which are merged into one. There may be several coarse nodes at one place: take the nodes that depend
+on the place, and connect those that share a cell (a set of nodes that interact, at first those of a brick). Every
+connected part gets a coarse node of its own. So two sheets with a gap are never glued.
 
 A cell connects only nodes around which nothing is much stiffer than itself. So neither are two bones glued by a soft
 joint, nor is flesh to the bone in it: a coarse function that moves the bone strains one fine layer of flesh, no more.
@@ -44,11 +45,13 @@ class Cells(NamedTuple):
 class Coarsening(NamedTuple):
     """From a level of N nodes in c cells to the next one of N'.
 
-    parent: (N lists) ascending, none for a held node.  child: (N' lists) ascending.  position: (N', 3).
+    parent: (N lists) ascending, none for a held node.  weight: of each parent, in the same order; a node's sum to 1.
+    child: (N' lists) ascending.  position: (N', 3).
     cells: of the coarse level.  into: (c,) the coarse cell that holds each cell, −1 for none.
     """
 
     parent: Rows
+    weight: NDArray[np.float64]
     child: Rows
     position: Ints
     cells: Cells
@@ -60,7 +63,7 @@ def coarsened(position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float
 
     weak: [-] to the stiffest modulus around a node, the least of a cell that connects it.
     """
-    parent, coarse = _parents(position, cells, held, weak)
+    parent, weight, coarse = _parents(position, cells, held, weak)
     order = np.lexsort((cells.place // 2).T[::-1])
     place = cells.place[order] // 2
     new_place = np.append(True, (place[1:] != place[:-1]).any(axis=1))
@@ -85,7 +88,7 @@ def coarsened(position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float
     c, total = count
     node = Rows(start[: c + 1].copy(), item[:total].copy())
     coarse_cells = Cells(node, modulus[:c].copy(), coarse_place[:c].copy())
-    return Coarsening(parent, transposed(parent, len(coarse)), coarse, coarse_cells, into)
+    return Coarsening(parent, weight, transposed(parent, len(coarse)), coarse, coarse_cells, into)
 
 
 def transposed(rows: Rows, count: int) -> Rows:
@@ -108,8 +111,10 @@ def _pattern(rows: Rows, count: int) -> sparse.csr_array:
     )
 
 
-def _parents(position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float) -> tuple[Rows, Ints]:
-    """The parents of each node, and the positions of the coarse nodes (N', 3)."""
+def _parents(
+    position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float
+) -> tuple[Rows, NDArray[np.float64], Ints]:
+    """The parents of each node, their weights, and the positions of the coarse nodes (N', 3)."""
     touch = transposed(cells.node, len(position))
     stiffest = np.zeros(len(position))
     np.maximum.at(stiffest, cells.node.item, np.repeat(cells.modulus, np.diff(cells.node.start)))
@@ -127,10 +132,11 @@ def _parents(position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float)
     return _distinct(Rows(start, parent), place[:count])
 
 
-def _distinct(parent: Rows, place: Ints) -> tuple[Rows, Ints]:
-    """Parents and positions without those coarse nodes on which just the same nodes depend as on an earlier one.
+def _distinct(parent: Rows, place: Ints) -> tuple[Rows, NDArray[np.float64], Ints]:
+    """Parents, weights and positions without coarse nodes on which just the same nodes depend as on an earlier one.
 
-    The nodes of a thin part depend on two layers of coarse nodes alike: one of them would make the matrix singular.
+    The nodes of a thin part depend on two layers of coarse nodes alike: one of them would make the matrix singular. The
+    weight of those that go is added to the ones that stay.
     """
     child = transposed(parent, len(place))
     key = np.random.default_rng(0).integers(0, 2**64, len(parent.start) - 1, np.uint64)
@@ -139,8 +145,10 @@ def _distinct(parent: Rows, place: Ints) -> tuple[Rows, Ints]:
     )
     kept = np.sort(first)
     pattern = _pattern(Rows(parent.start, np.searchsorted(kept, first)[same][parent.item].astype(np.int32)), len(kept))
-    pattern.sum_duplicates()
-    return Rows(pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32)), place[kept]
+    share = 1 / np.maximum(np.diff(parent.start), 1)
+    pattern.sum_duplicates()  # in place, `parent.start` too
+    distinct = Rows(pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32))
+    return distinct, pattern.data * np.repeat(share, np.diff(distinct.start)), place[kept]
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,7 @@ class Workspace:
 
     def __init__(self, levels: Levels) -> None:
         k = levels.columns
-        sizes = [len(level.weight) for level in levels.above] + [len(levels.last) // 3]
+        sizes = [len(level.inverse) for level in levels.above] + [len(levels.last) // 3]
         self.lanes = (0,) * k
         self.r, self.x, self.d = ([np.zeros(size * 3 * k, levels.dtype) for size in sizes] for _ in range(3))
         self.scratch = [matrix.scratch(k) for matrix in (levels.finest, *(level.matrix for level in levels.above[1:]))]

@@ -23,10 +23,11 @@ def displacements(
 ) -> NDArray[np.float32]:
     """Return the displacements (n, 3, l) [m] of the voxels' centres under loads (n, 3, l) [N] on them, index axes.
 
-    Held pieces rest. Loads on a free body must balance; its nodes have no mean translation and no mean rotation. progress: is called with the batches done and how many there are.  tolerance: see `conjugate`.
+    Held pieces rest. Loads on a free body must balance; its nodes have no mean translation and no mean rotation.
+    progress: is called with the batches done and how many there are.  tolerance: see `conjugate`.
     Raise MjframesError where conjugate gradients do not converge.
     """
-    forces = np.asarray(loads, np.float64)
+    forces = np.asarray(loads)
     n, _, count = forces.shape
     levels, k = solver.levels, solver.levels.columns
     to_nodes = sparse.csr_array(solver.centre.T)

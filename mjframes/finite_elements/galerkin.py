@@ -1,4 +1,4 @@
-"""Stiffness of the coarse nodes: A_c = Pᵀ A P, where each node is the mean of its parents (see `coarsen`).
+"""Stiffness of the coarse nodes: A_c = Pᵀ A P, where P are the weights of each node's parents (see `coarsen`).
 
 The finest matrix is never assembled. Its bricks are summed per coarse cell: those whose corners all depend on just the
 eight coarse corners of their block through the trilinear matrices Q, from a table Qᵀ K Q a material and octant; the
@@ -44,6 +44,7 @@ def from_bricks(mesh: Mesh, stiffness: NDArray[np.float64], coarsening: Coarseni
         stiffness,
         _octants(stiffness),
         *coarsening.parent,
+        coarsening.weight,
         *column,
         np.empty(count, np.int32),
         np.empty((most, most)),
@@ -55,9 +56,8 @@ def from_bricks(mesh: Mesh, stiffness: NDArray[np.float64], coarsening: Coarseni
 def from_blocks(fine: Blocks, coarsening: Coarsening) -> Blocks:
     """Return the matrix of the next coarser level."""
     start, item = coarsening.parent
-    parents = np.diff(start)
-    weight = np.repeat(1 / np.maximum(parents, 1), parents)[:, None, None] * np.eye(3)
-    shape = (3 * len(parents), 3 * len(coarsening.position))
+    weight = coarsening.weight[:, None, None] * np.eye(3)
+    shape = (3 * (len(start) - 1), 3 * len(coarsening.position))
     interpolation = sparse.bsr_array((weight, item, start), shape=shape)
     matrix = sparse.bsr_array((fine.value, fine.column.item, fine.column.start), shape=(shape[0], shape[0]))
     coarse = interpolation.T @ (matrix @ interpolation)
@@ -79,7 +79,7 @@ def _octants(stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
 @njit(cache=True, nogil=True)
 def _sum_bricks(
     child_start, child, cell_start, cell_node, nodes, material, octant, stiffness, octants,
-    parent_start, parent, row_start, column, place, local, value,
+    parent_start, parent, parent_weight, row_start, column, place, local, value,
 ):  # fmt: skip
     """place: (N',) of coarse nodes in their cell, and then of columns in their row.  local: a cell's own matrix."""
     for c in range(len(child_start) - 1):
@@ -107,7 +107,7 @@ def _sum_bricks(
                     first_other, last_other = parent_start[nodes[e, q]], parent_start[nodes[e, q] + 1]
                     for t in range(begin, end):
                         for u in range(first_other, last_other):
-                            weight = 1.0 / ((end - begin) * (last_other - first_other))
+                            weight = parent_weight[t] * parent_weight[u]
                             a, b = 3 * place[parent[t]], 3 * place[parent[u]]
                             for i in range(3):
                                 for j in range(3):

@@ -177,14 +177,14 @@ def step(d, r, x, inverse, keep, gain, begin, end, lanes):
 
 @njit(**OPTIONS)
 def restrict(start, parent, weight, r, coarse, lanes):
-    """coarse ← Pᵀ r: weight_i r_i is added to each parent of node i."""
+    """coarse ← Pᵀ r. parent, weight: those of node i from start[i] on."""
     k = len(lanes)
     coarse[:] = 0
     for i in range(len(start) - 1):
-        w, rs = weight[i], r[i * 3 * k : (i + 1) * 3 * k]
+        rs = r[i * 3 * k : (i + 1) * 3 * k]
         for t in range(start[i], start[i + 1]):
             at = np.int64(parent[t]) * (3 * k)
-            cs = coarse[at : at + 3 * k]
+            w, cs = weight[t], coarse[at : at + 3 * k]
             for j in range(len(cs)):
                 cs[j] += w * rs[j]
 
@@ -198,7 +198,7 @@ def prolong(start, parent, weight, coarse, d, x, lanes):
         ds[:] = 0
         for t in range(start[i], start[i + 1]):
             at = np.int64(parent[t]) * (3 * k)
-            w, cs = weight[i], coarse[at : at + 3 * k]
+            w, cs = weight[t], coarse[at : at + 3 * k]
             for j in range(len(cs)):
                 ds[j] += w * cs[j]
         for j in range(len(ds)):

@@ -18,7 +18,7 @@ from mjframes.finite_elements.matrices import BlockRows, Bricks, Floats, Matrix
 from mjframes.finite_elements.mesh import Mesh
 from mjframes.finite_elements.smoother import eigenvalue_bound
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions
+from mjframes.rigid import rigid_motions, size_of
 
 FEW = 300  # [nodes] of a level whose matrix is inverted: some 30 ms
 MANY = 800  # [nodes] the same where the next level would hardly be smaller: half a second
@@ -37,7 +37,7 @@ class Level:
     """A level of N nodes above a coarser one.
 
     inverse: (N, 3) of the matrix's diagonal D, 0 at held nodes.  bound: of the eigenvalues of D⁻¹A.
-    parent, weight: (N lists) of coarse nodes, and (N,) the part of each of them in a node's displacement.
+    parent, weight: (N lists) of coarse nodes, and the part of each of them in a node's displacement.
     """
 
     matrix: Matrix
@@ -52,7 +52,8 @@ class Levels:
     """All levels, the finest first. Stiffness is in units of `unit` [N/m].
 
     finest: its matrix.  above: the levels but for the last.  last: (3N', 3N') the inverse matrix of the last, blind to
-    rigid motions of a free body.  dtype: float32, or float64 where that would not do.  columns: k, to be solved for at once.
+    rigid motions of a free body.  dtype: float32, or float64 where that would not do.  columns: k, how many to solve
+    for at once.
     """
 
     finest: Bricks
@@ -85,9 +86,7 @@ def body_levels(grid: Grid, mesh: Mesh) -> Levels:
     last = _dense(matrices[-1]) if matrices else _dense_bricks(mesh, stiffness, held)
     position = coarsenings[-1].position if coarsenings else mesh.position
     inverse, condition = _inverse(last, None if held.any() else position)
-    condition *= 4.0 ** len(
-        coarsenings
-    )  # energies are kept, but a displacement has a fourth of the Σ D u² on each level
+    condition *= 4.0 ** len(coarsenings)  # energies are kept, but Σ D u² of a displacement is a fourth on each level
     dtype = np.float32 if condition < DOUBLE else np.float64
     k = next((k for k in COLUMNS if k * _memory(len(mesh.position), dtype) <= LARGEST), COLUMNS[-1])
     table = np.array([coefficients(matrix) for matrix in stiffness], dtype)
@@ -96,13 +95,10 @@ def body_levels(grid: Grid, mesh: Mesh) -> Levels:
     diagonals = [_brick_diagonal(mesh, stiffness), *map(_diagonal, matrices)]
     above = []
     for matrix, diagonal, coarsening in zip(forms, diagonals, coarsenings, strict=False):
-        parents = np.diff(coarsening.parent.start)
-        moves = parents > 0
+        moves = np.diff(coarsening.parent.start) > 0
         reciprocal = np.where(moves[:, None], 1 / diagonal, 0).astype(dtype)
         bound = eigenvalue_bound(matrix, reciprocal, k)
-        above.append(
-            Level(matrix, reciprocal, bound, coarsening.parent, (moves / np.maximum(parents, 1)).astype(dtype))
-        )
+        above.append(Level(matrix, reciprocal, bound, coarsening.parent, coarsening.weight.astype(dtype)))
     return Levels(finest, tuple(above), inverse, reference * size, dtype, k)
 
 
@@ -172,7 +168,7 @@ def _inverse(matrix: Array, position: NDArray[np.int32] | None) -> tuple[Array, 
     scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 0)
     scaled = matrix * scale * scale[:, None]
     if position is not None:
-        motions = np.linalg.qr(rigid_motions(position, position.mean(axis=0)) / scale[:, None])[0]
+        motions = np.linalg.qr(rigid_motions(position, position.mean(axis=0), size_of(position)) / scale[:, None])[0]
         scaled += motions @ motions.T
     (factorize,) = linalg.get_lapack_funcs(("pstrf",), (scaled,))
     factor, pivot, rank, _ = factorize(scaled, lower=1, tol=DEPENDENT)

@@ -118,7 +118,7 @@ def _holders(position: Ints, padded: Ints, piece: Ints) -> Ints:
 def _bridges(grid: Grid, piece: Ints) -> tuple[Ints, Ints]:
     """Cells (b, 3) to fill and their materials (b,), so that faces connect all voxels."""
     labels, _ = ndimage.label(grid.lookup >= 0)  # pyright: ignore[reportGeneralTypeIssues]  an image and a number
-    part = labels[tuple(grid.index.T)] - 1
+    part = np.asarray(labels, np.int64)[tuple(grid.index.T)] - 1
     young = grid.per_material("young")
     cells: dict[tuple[int, ...], int] = {}
     for axes in (2, 3):
@@ -145,8 +145,8 @@ def _bridges(grid: Grid, piece: Ints) -> tuple[Ints, Ints]:
     return np.array(list(cells), np.int32).reshape(-1, 3), np.array(list(cells.values()), np.int32)
 
 
-def _merged(part: NDArray[np.integer], touching: NDArray[np.integer]) -> NDArray[np.integer]:
+def _merged(part: NDArray[np.int64], touching: NDArray[np.int64]) -> NDArray[np.int64]:
     """The parts (n,) after pairs of them (t, 2) became one, numbered from 0 on."""
     count = int(part.max()) + 1
     pairs = sparse.coo_array((np.ones(len(touching), bool), tuple(touching.T)), shape=(count, count))
-    return connected_components(pairs, directed=False)[1][part]
+    return connected_components(pairs, directed=False)[1][part].astype(np.int64)

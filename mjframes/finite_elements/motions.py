@@ -2,8 +2,8 @@
 
 Let piece i of h move by q_i: three translations [m], and three rotations about its centroid. Then u is what makes
 ½ uᵀAu least. No energy is needed to move all pieces as one rigid body, so only motions relative to the last piece are
-solved for: q_i − T_i q_h, where T_i q_h is the motion of piece i if the last one carried it along. A body that one piece
-holds moves as that does, and a free one has a rigid motion of its own.
+solved for: q_i − T_i q_h, where T_i q_h is the motion of piece i if the last one carried it along. A body that one
+piece holds moves as that does, and a free one has a rigid motion of its own.
 """
 
 from __future__ import annotations

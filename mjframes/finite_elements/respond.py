@@ -5,6 +5,8 @@
 2. Conjugate gradients for the columns of B W, which start with the combinations of the cycles' results, give X.
 3. Galerkin's method in the span of all of X: with G = XᵀAX and Y = XᵀB the displacements are C X G⁻¹Y, and
    S = YᵀG⁻¹Y. So S is positive semidefinite and at most the exact one, and its error is but the square of X's.
+
+X is kept in single precision, but AX is made of the X before it was rounded: it is as smooth as the forces are.
 """
 
 from __future__ import annotations
@@ -69,11 +71,11 @@ def respond(
     """
     k = solver.levels.columns
     forces = sparse.csr_array(functions, dtype=solver.levels.dtype)
-    centre = solver.centre if blocks is None else sparse.csr_array(averages(blocks) @ solver.centre)
+    centre = solver.centre if blocks is None else sparse.csr_array(averages(blocks) @ solver.centre, dtype=np.float32)
     with threadpool_limits(1, "blas"):  # the batches are spread over the processors already
         basis = _basis(solver, forces)
         report = reporter(progress, _batches(len(basis), k) + _batches(basis.shape[1], k))
-        x, first = _cycles(solver, forces, report)
+        x, first = _cycles(solver, forces, len(basis), report)
         combinations = _whitening(first, basis)
         _combine(x, combinations, k)
         energies, work = _solve(solver, forces, combinations, x, tolerance, report)
@@ -103,15 +105,17 @@ def _basis(solver: BodySolver, forces: sparse.csr_array) -> Array:
     return scale[:, None] * vectors[:, np.count_nonzero(values > NOISE * values[0]) :]
 
 
-def _cycles(solver: BodySolver, forces: sparse.csr_array, report: Callable[[], None]) -> tuple[list[Floats], Array]:
-    """M B, a batch an array, and S₀."""
-    k, columns = solver.levels.columns, np.eye(3 * forces.shape[1])
-    x = [np.empty(solver.levels.nodes * 3 * k, solver.levels.dtype) for _ in range(_batches(len(columns), k))]
+def _cycles(
+    solver: BodySolver, forces: sparse.csr_array, count: int, report: Callable[[], None]
+) -> tuple[list[Floats], Array]:
+    """M B of the `count` columns, a batch an array, and S₀."""
+    k, columns = solver.levels.columns, np.eye(count)
+    x = [np.empty(solver.levels.nodes * 3 * k, np.float32) for _ in range(_batches(len(columns), k))]
 
     def improve(batch: Batch, number: int) -> Array:
         load(forces, _batch(columns, number, k), batch.r[0])
-        x[number][:] = precondition(solver.levels, batch)
-        return moments(forces, x[number], k)
+        x[number][:] = found = precondition(solver.levels, batch)
+        return moments(forces, found, k)
 
     parts = [part for some in in_rounds(solver.levels, len(x), improve, report) for _, part in some]
     return x, np.hstack(parts)[:, : len(columns)]
@@ -161,10 +165,11 @@ def _solve(
         chosen = _batch(combinations, number, k)
         load(forces, chosen, batch.residual)
         batch.direction[:] = x[number]
-        conjugate.solve(solver.levels, batch, batch.residual, x[number], batch.direction, tolerance)
+        conjugate.solve(solver.levels, batch, batch.residual, batch.solution, batch.direction, tolerance)
         if not solver.held:
-            solver.remove_rigid(x[number])
-        work[:, number * k : (number + 1) * k] = moments(forces, x[number], k)
+            solver.remove_rigid(batch.solution)
+        work[:, number * k : (number + 1) * k] = moments(forces, batch.solution, k)
+        x[number][:] = batch.solution
         load(forces, chosen, batch.direction)
         batch.direction -= batch.residual  # A x
 

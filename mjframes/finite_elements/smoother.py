@@ -28,7 +28,7 @@ def eigenvalue_bound(matrix: Matrix, inverse: Floats, k: int) -> float:
     """Return a bound of the eigenvalues of D⁻¹A. inverse: (N, 3) of D, 0 at held nodes.
 
     Chebyshev polynomials of the first kind stay within ±1 up to BULK and grow fast beyond, the fastest for the largest
-    eigenvalue, however few nodes it lives on. They are applied to noise in k columns, and give a Rayleigh quotient each.
+    eigenvalue, however few nodes it lives on. They are applied to noise in k columns; each gives a Rayleigh quotient.
     """
     lanes, scratch, dtype = (0,) * k, matrix.scratch(k), inverse.dtype.type
     whole = (0, len(inverse), lanes)

@@ -14,7 +14,7 @@ from mjframes.finite_elements.levels import Levels, body_levels
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.mesh import Mesh, body_mesh
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions
+from mjframes.rigid import rigid_motions, size_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class BodySolver:
     """A body of n voxels, ready to be loaded.
 
     held: the voxels of each piece that moves rigidly.  node: (n, 8) of the voxels' corners, in the order of
-    `element.CORNERS`, −1 for a held voxel.  centre: (n, N) sparse C, the displacement of a voxel's centre as the mean of
-    its corners'; 0 for a held voxel.
+    `element.CORNERS`, −1 for a held voxel.  centre: (n, N) sparse C, the displacement of a voxel's centre as the mean
+    of its corners'; 0 for a held voxel.
     """
 
     grid: Grid
@@ -37,7 +37,9 @@ class BodySolver:
     def rigid(self) -> Floats:
         """(3N, 6) orthonormal: the rigid motions of the nodes."""
         position = self.mesh.position * self.grid.spacing
-        return np.linalg.qr(rigid_motions(position, position.mean(axis=0)))[0].astype(self.levels.dtype)
+        return np.linalg.qr(rigid_motions(position, position.mean(axis=0), size_of(position)))[0].astype(
+            self.levels.dtype
+        )
 
     def remove_rigid(self, x: Floats) -> None:
         """Take the rigid motions out of displacements (N, 3, k) of the nodes."""

@@ -10,13 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from mjframes.finite_elements.batch import Progress, averages
 from mjframes.finite_elements.displacements import displacements
 from mjframes.finite_elements.solver import BodySolver, body_solver
 from mjframes.grid import Grid
 from mjframes.regions import frame_sets
 from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness
+from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
@@ -30,13 +33,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class FiniteElements:
     """What does not depend on the frames.  solver: of the voxels.  held: how many pieces are.
-    cases: loads.  exact: (n, 3, c) how they move the voxels [m], in volume coordinates.
+    cases: loads.  exact: (n, 3, c) float32, how they move the voxels [m], in volume coordinates.
     """
 
     solver: BodySolver
     held: int
     cases: LoadCases
-    exact: Array
+    exact: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +57,16 @@ class WholeBody:
     where: Array
 
 
-def finite_elements(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> FiniteElements:
-    """Return the finite elements on the voxels, of which `cores` are held."""
+def finite_elements(
+    grid: Grid, cores: Sequence[NDArray[np.integer]], progress: Callable[[str], None]
+) -> FiniteElements:
+    """Return the finite elements on the voxels, of which `cores` are held. progress: called with what is being done."""
+    progress("solving the finite elements")
     solver, cases = body_solver(grid, cores), load_cases(grid, cores)
-    moved = displacements(solver, np.einsum("ba,vbc->vac", grid.axes, cases.force))
-    return FiniteElements(solver, len(cores), cases, np.einsum("ab,vbc->vac", grid.axes, moved))
+    axes = grid.axes.astype(np.float32)
+    force = np.einsum("ba,vbc->vac", axes, cases.force)
+    moved = displacements(solver, force, _counted("solving the finite elements", progress))
+    return FiniteElements(solver, len(cores), cases, np.einsum("ab,vbc->vac", axes, moved))
 
 
 def whole_body(
@@ -71,22 +79,34 @@ def whole_body(
 ) -> WholeBody:
     """Return what finite elements on the voxels make of frames with the weights `shapes`.
 
-    types: (f,) of the frames.  links: the bodies that hold the first ones.
+    types: (f,) of the frames.  links: the bodies that hold the first ones.  progress: called with what is being done.
     """
-    held, k = len(links), len(shapes.control.frame)
-    place = np.arange(len(grid.index))
+    held, control, k = len(links), shapes.control, len(shapes.control.frame)
     progress("condensing the whole body")
-    element = superelement(grid, shapes.weights, shapes.control, types, held, finite.solver)
-    sets = frame_sets(shapes.weights)[1]
-    parts = select(element.matrix, shapes.control, families([np.flatnonzero(row) for row in sets], len(types)))
-    stiffness, region = regions_of(grid, shapes.weights, shapes.control, parts, links)
-    covariance = compliance(assembled(stiffness, k), shapes.control, types, held)
+    label, sets = frame_sets(shapes.weights)
+    blocks = blocks_of(grid, label, finite.solver.node[:, 0] < 0)
+    report = _counted("condensing the whole body", progress)
+    element = superelement(grid, shapes.weights, control, types, held, finite.solver, blocks, report)
+    parts = select(element.matrix, control, families([np.flatnonzero(row) for row in sets], len(types)))
+    stiffness, region = regions_of(grid, shapes.weights, control, parts, links)
+    covariance = compliance(assembled(stiffness, k), control, types, held)
     progress("refitting the weights")
-    change = correction(grid, shapes, element, covariance, place)
-    following = ShapeFunctions(shapes.weights, shapes.control, change)
+    mean, plain = averages(blocks), shapes.at_voxels(grid)
+    weights, functions = (sparse.csr_array(mean @ some) for some in (shapes.weights, plain))
+    weights.sort_indices()
+    change = correction(weights, functions, control, grid.axes, element, covariance)
+    following = ShapeFunctions(shapes.weights, control, sparse.csr_array(change[blocks]))
+    first = np.unique(blocks, return_index=True)[1]
+    lifted = lifting(functions + change, control, grid.axes, element, covariance, stiffness, region[first])
+    lifted = Lifting(lifted.mode[blocks], lifted.share)
     functions = following.at_voxels(grid)
-    lifted = lifting(grid, functions, shapes.control, element, covariance, stiffness, region, place)
-    x = coordinates(shapes.at_voxels(grid), functions, covariance, finite.cases)
-    found = (functions @ x.reshape(k, -1)).reshape(finite.exact.shape) + displaced(lifted, stiffness, region, x)
+    x = coordinates(plain, functions, covariance, finite.cases)
+    found = displaced(lifted, stiffness, region, x)
+    found += (functions @ x.reshape(k, -1)).reshape(found.shape)
     error, where = measured(grid, finite.cases, finite.exact, found)
     return WholeBody(stiffness, region, following, lifted, error, where)
+
+
+def _counted(stage: str, progress: Callable[[str], None]) -> Progress:
+    """What a solver calls after each batch: it adds the part that is done to the name of the stage."""
+    return lambda done, of: progress(f"{stage}: {done / of:.0%}")

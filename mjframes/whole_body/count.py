@@ -44,6 +44,6 @@ def fewest_frames(
         raise MjframesError(f"error is {error!r}, but the body has room for {most} frames only; give frames.")
     weight = "" if best[2].weight is None else f"under its own weight {best[2].weight:.2g}, "
     raise MjframesError(
-        f"error is {error!r}, but of up to {COUNTS[-1]} frames {best[1]} do best, with {best[0]:.2g} ({weight}under pushes "
-        f"{best[2].pushes:.2g}); ask for no less than that, or give frames."
+        f"error is {error!r}, but of up to {COUNTS[-1]} frames {best[1]} do best, with {best[0]:.2g} ({weight}under "
+        f"pushes {best[2].pushes:.2g}); ask for no less than that, or give frames."
     )

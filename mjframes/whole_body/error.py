@@ -23,7 +23,7 @@ from scipy import ndimage, sparse
 
 from mjframes.control import ControlPoints, control_weights
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions
+from mjframes.rigid import rigid_motions, size_of
 
 Array = NDArray[np.float64]
 
@@ -58,11 +58,11 @@ class BodyError:
 
 @dataclass(frozen=True, eq=False)
 class LoadCases:
-    """force: (n, 3, c) [N] on the voxels, in volume coordinates; balanced where nothing is held.
+    """force: (n, 3, c) float32 [N] on the voxels, in volume coordinates; balanced where nothing is held.
     weights: how many cases, the first ones, are own weights.  far: (c, n) the voxels that count.
     """
 
-    force: Array
+    force: NDArray[np.float32]
     weights: int
     far: NDArray[np.bool_]
 
@@ -72,7 +72,7 @@ def load_cases(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> LoadCases:
     n = len(grid.index)
     mass = grid.density * grid.cell_volume
     weights = 3 if cores else 0
-    force, far = np.zeros((n, 3, CASES)), np.ones((CASES, n), bool)
+    force, far = np.zeros((n, 3, CASES), np.float32), np.ones((CASES, n), bool)
     for a in range(weights):
         force[:, a, a] = mass / mass.sum()
     held = np.zeros(n, bool)
@@ -98,12 +98,17 @@ def load_cases(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> LoadCases:
         inertia = np.repeat(mass, 3)[:, None] * motion
         flat = force.reshape(3 * n, CASES)
         carried = np.linalg.lstsq(motion.T @ inertia, motion.T @ flat, rcond=None)[0]
-        force = (flat - inertia @ carried).reshape(n, 3, CASES)
+        force = (flat - inertia @ carried).reshape(n, 3, CASES).astype(np.float32)
     return LoadCases(force, weights, far)
 
 
 def expected(
-    grid: Grid, weights: sparse.csr_array, control: ControlPoints, held: int, cases: LoadCases, exact: Array
+    grid: Grid,
+    weights: sparse.csr_array,
+    control: ControlPoints,
+    held: int,
+    cases: LoadCases,
+    exact: NDArray[np.floating],
 ) -> BodyError:
     """Return the error of the coordinates of frames with these weights (n, f), whatever their stiffness.
 
@@ -130,12 +135,15 @@ def coordinates(plain: sparse.csr_array, corrected: sparse.csr_array, covariance
     return covariance @ load
 
 
-def measured(grid: Grid, cases: LoadCases, exact: Array, found: Array) -> tuple[BodyError, Array]:
-    """Return the error of displacements `found` (n, 3, c), and where it is: (n,) its rms over the cases, to that of u."""
-    difference, size = found - exact, exact
+def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: Array) -> tuple[BodyError, Array]:
+    """Return the error of displacements `found` (n, 3, c), and where it is.
+
+    That is (n,) its rms over the cases, to that of u.
+    """
+    difference, size = found - exact, exact.astype(np.float64)
     if not cases.weights:
         motion = np.linalg.qr(_rigid(grid))[0]
-        difference, size = (_without(motion, field) for field in (difference, exact))
+        difference, size = (_without(motion, field) for field in (difference, size))
     norm = np.linalg.norm(size, axis=(0, 1))
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
     weight = None
@@ -150,7 +158,7 @@ def measured(grid: Grid, cases: LoadCases, exact: Array, found: Array) -> tuple[
 
 def _rigid(grid: Grid) -> Array:
     """(3n, 6) of the voxels' centres."""
-    return rigid_motions(grid.centers, grid.centers.mean(axis=0), float(np.ptp(grid.centers, axis=0).max()) or 1.0)
+    return rigid_motions(grid.centers, grid.centers.mean(axis=0), size_of(grid.centers))
 
 
 def _without(motion: Array, field: Array) -> Array:

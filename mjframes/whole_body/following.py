@@ -3,10 +3,11 @@
     minimize over ΔW_v   E |N̂_v x − Σ_j W_vj x_j|² + ε Σ_j (ΔW_vj / w_i(j))²,   W = w_i φ_j + ΔW,   x ~ N(0, K⁺)
     subject to           Σ_j ΔW_vj = 0,   Σ_j ΔW_vj x̄_j = 0
 
-N̂ is how the superelement moves the voxel's centre, K the sum of the regions, and j the points of the voxel's own
-frames: a small system a voxel. W reproduces linear fields as before, but is smooth where the material is and kinked
-where that is: shape functions that know the material in the full sense of the paper's §4. Surfaces, contacts, masses
-and sensors use W. The term with ε lets a correction vanish where its frame's weight does, so that W has no jumps there.
+N̂ is how the superelement moves the voxel's centre, or its block of them, K the sum of the regions, and j the points of
+the voxel's own frames: a small system a voxel. W reproduces linear fields as before, but is smooth where the material
+is and kinked where that is: shape functions that know the material in the full sense of the paper's §4. Surfaces,
+contacts, masses and sensors use W. The term with ε lets a correction vanish where its frame's weight does, so that W
+has no jumps there.
 """
 
 from __future__ import annotations
@@ -18,9 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.control import ControlPoints, points_of
-from mjframes.grid import Grid
 from mjframes.regions import frame_sets, members_of
-from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness
 from mjframes.threads import in_parallel
 from mjframes.weights import weights_at
@@ -31,7 +30,7 @@ Array = NDArray[np.float64]
 LOOSE = 1e-12  # [-] eigenvalue of scaled K that counts as zero: rigid motions and null modes
 TAPER = 1e-3  # [-] ε, to the mean variance: costs a tenth of a per cent, and halves the largest jumps
 PLANE = 1e-9  # [-] singular value below which points span no further direction
-BLOCK = 4096  # [voxels] at a time
+CHUNK = 4096  # [voxels] at a time
 
 
 def assembled(stiffness: Stiffness, k: int) -> Array:
@@ -54,21 +53,21 @@ def compliance(stiffness: Array, control: ControlPoints, types: Sequence[str], h
 
 
 def correction(
-    grid: Grid,
-    shapes: ShapeFunctions,
+    weights: sparse.csr_array,
+    functions: sparse.csr_array,
+    control: ControlPoints,
+    axes: Array,
     element: Superelement,
     covariance: Array,
-    place: NDArray[np.integer],
 ) -> sparse.csr_array:
-    """Return ΔW (n, k), 0 where one frame has all the weight.
+    """Return ΔW (r, k) at the element's r places, 0 where one frame has all the weight.
 
-    shapes: w_i φ_j, not corrected.  covariance: (3k, 3k) of x.  place: (n,) which of the element's places each voxel is.
+    weights: (r, f) w_i, and functions: (r, k) w_i φ_j there.  axes: (3, 3) of the grid.  covariance: (3k, 3k) of x.
     """
-    weights, control, functions = shapes.weights, shapes.control, shapes.at_voxels(grid)
     k = len(control.frame)
     own = np.einsum("jaka->jk", covariance.reshape(k, 3, k, 3))
     # E u_c x_jc of the fields of `moved`, along the grid's axes
-    followed = ((element.lifting @ covariance).reshape(-1, k, 3) @ grid.axes).transpose(2, 0, 1).reshape(-1, k)
+    followed = ((element.lifting @ covariance).reshape(-1, k, 3) @ axes).transpose(2, 0, 1).reshape(-1, k)
     moved = element.moved.reshape(len(element.moved), -1)
 
     def fit(voxels: NDArray[np.int32]) -> tuple[NDArray[np.integer], NDArray[np.integer], Array]:
@@ -80,7 +79,7 @@ def correction(
         if not mean > 0:  # nothing here moves but linearly
             return voxels[:0], points[:0], np.zeros(0)
         tapers = np.stack([free[:, of_frame == i] @ free[:, of_frame == i].T for i in range(len(frames))])
-        missed = moved[place[voxels]] @ followed[:, points].astype(np.float32)
+        missed = moved[voxels] @ followed[:, points].astype(np.float32)
         missed = missed - functions[voxels][:, points].toarray() @ own[np.ix_(points, points)]
         share = weights_at(weights, voxels, frames)
         system = variance + TAPER * mean * np.tensordot(1 / share**2, tapers, 1)
@@ -89,16 +88,16 @@ def correction(
 
     label, sets = frame_sets(weights)
     groups = [
-        some[start : start + BLOCK]
+        some[start : start + CHUNK]
         for some, members in zip(members_of(label, len(sets)), sets, strict=True)
         if members.sum() > 1
-        for start in range(0, len(some), BLOCK)
+        for start in range(0, len(some), CHUNK)
     ]
     entries = list(in_parallel(fit, groups))
     if not entries:
-        return sparse.csr_array((len(grid.index), k))
+        return sparse.csr_array(functions.shape)
     rows, columns, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-    return sparse.csr_array((values, (rows, columns)), shape=(len(grid.index), k))
+    return sparse.csr_array((values, (rows, columns)), shape=functions.shape)
 
 
 def _across_linear(rest: Array) -> Array:

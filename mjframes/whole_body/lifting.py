@@ -2,9 +2,9 @@
 
     x(p̄) = Σ_j W_j x_j + R Φ(p̄) T y,   y = Rᵀ x − x̄ of the region's control points, R its rotation
 
-N̂ x is how the superelement moves a voxel. N̂ x − Σ_j W_j x_j, when only the region's own points are known and not how
-they move as one rigid body, is its regression on them, x ~ N(0, K⁺). By the singular value decomposition of that, over
-the region's voxels, a few modes Φ T remain. They hold what scalar weights cannot: that a body thins where it is stretched, and bends along with
+N̂ x is how the superelement moves a voxel. N̂ x − Σ_j W_j x_j, when only the region's own points are known, and not how
+they move as one rigid body, is its regression on them, x ~ N(0, K⁺). By the singular value decomposition of that, a few
+modes Φ T remain. They hold what scalar weights cannot: that a body thins where it is stretched, and bends along with
 what it is made of. R makes them follow any rotation. Index letters: v voxel; j control point; m mode.
 """
 
@@ -46,19 +46,17 @@ class Lifting:
 
 
 def lifting(
-    grid: Grid,
     functions: sparse.csr_array,
     control: ControlPoints,
+    axes: Array,
     element: Superelement,
     covariance: Array,
     stiffness: Stiffness,
     region: NDArray[np.int32],
-    place: NDArray[np.integer],
 ) -> Lifting:
-    """Return the modes of all regions.
+    """Return the modes of all regions at the element's r places.
 
-    functions: (n, k) W_j at the voxels.  covariance: K⁺ (3k, 3k).  region: (n,) of each voxel.  place: (n,) which of the
-    element's places each voxel is.
+    functions: (r, k) W_j, and region: (r,) there.  axes: (3, 3) of the grid.  covariance: K⁺ (3k, 3k).
     """
     moved = element.moved.reshape(len(element.moved), 3, -1)
     followed = element.lifting @ covariance  # (c, 3k)
@@ -68,26 +66,27 @@ def lifting(
         points = stiffness.points[e]
         dof = degrees(points)
         own = covariance[np.ix_(dof, dof)]
-        relative = _relative(control.rest[points], np.flatnonzero(~own.any(axis=1)))
-        basis, inverse = _whitened(relative @ own @ relative.T)
-        if not len(voxels[e]) or not basis.shape[1]:
+        relative = _relative(control.rest[points], np.flatnonzero(np.diagonal(own) <= 0))
+        inverse = _inverse_root(relative @ own @ relative.T)
+        if not len(voxels[e]) or not len(inverse):
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
-        seen = (inverse @ relative).T  # unit, independent motions of the points
-        field = np.tensordot(moved[place[voxels[e]]], (followed[:, dof] @ seen).astype(np.float32), (2, 0))
-        field = np.einsum("ab,vbq->vaq", grid.axes.astype(np.float32), field)  # (v, 3, q)
+        unit = relative.T @ inverse.T  # to unit, independent motions of the points, but for their common rigid one
+        wanted = (followed[:, dof] @ unit).astype(np.float32)
+        field = np.tensordot(moved[voxels[e]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
+        field = np.einsum("ab,vbq->vaq", axes.astype(np.float32), field)
+        size = np.linalg.norm(field)
         weights = functions[voxels[e]][:, points].toarray().astype(np.float32)
-        field -= np.tensordot(weights, (own @ seen).reshape(len(points), 3, -1).astype(np.float32), (1, 0))
-        size = np.linalg.norm(np.tensordot(weights, basis.reshape(len(points), 3, -1), (1, 0)))
+        field -= np.tensordot(weights, (own @ unit).reshape(len(points), 3, -1).astype(np.float32), (1, 0))
         flat = field.reshape(-1, field.shape[2])
         value, vector = np.linalg.eigh((flat.T @ flat).astype(np.float64))
         kept = vector[:, ::-1][:, :MODES][:, value[::-1][:MODES] > (SLIGHT * size) ** 2]
         mode = field @ kept.astype(np.float32)
         largest = np.abs(mode).max(axis=(0, 1), initial=0)
-        return mode / largest, largest[:, None] * (kept.T @ seen.T)
+        return mode / largest, largest[:, None] * (unit @ kept).T
 
     found = list(in_parallel(of_region, range(len(stiffness.points))))
     most = max((len(share) for _, share in found), default=0)
-    mode = np.zeros((len(grid.index), 3, most), np.float32)
+    mode = np.zeros((len(region), 3, most), np.float32)
     for some, (values, share) in zip(voxels, found, strict=True):
         mode[some, :, : len(share)] = values
     return Lifting(mode, tuple(share for _, share in found))
@@ -130,9 +129,9 @@ def mode_slopes(
 
 
 def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
-    """(3m, 3m) what takes the rigid motion out of motions of points (m, 3): that of the held ones, or of all.
+    """(3m, 3m) from displacements of m points to those less a rigid motion of all: what is left is what deforms.
 
-    still: the degrees of freedom of the held ones, which do not move themselves.
+    still: the degrees of freedom of the held ones, whose motion that is; without any, it is the nearest one.
     """
     some = still if len(still) else np.arange(3 * len(rest))
     turns = rigid_motions(rest, rest[some[::3] // 3].mean(axis=0), size_of(rest))
@@ -141,15 +140,13 @@ def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
     return relative
 
 
-def _whitened(covariance: Array) -> tuple[Array, Array]:
-    """A (3m, q) and A⁺ (q, 3m) with A Aᵀ the covariance, 0 for what stands still."""
+def _inverse_root(covariance: Array) -> Array:
+    """A⁺ (q, 3m) of A (3m, q) with A Aᵀ the covariance, 0 for what stands still."""
     variance = np.diagonal(covariance)
-    moves = variance > 0
+    moves = variance > SEEN * variance.max(initial=0)
     scale = np.sqrt(variance[moves])
     value, vector = np.linalg.eigh(covariance[np.ix_(moves, moves)] / scale / scale[:, None])
     kept = value > SEEN * value[-1] if len(value) else value > 0
-    root = np.sqrt(value[kept])
-    basis, inverse = np.zeros((len(moves), len(root))), np.zeros((len(root), len(moves)))
-    basis[moves] = scale[:, None] * vector[:, kept] * root
-    inverse[:, moves] = (vector[:, kept] / root).T / scale
-    return basis, inverse
+    inverse = np.zeros((np.count_nonzero(kept), len(moves)))
+    inverse[:, moves] = (vector[:, kept] / np.sqrt(value[kept])).T / scale
+    return inverse

@@ -13,7 +13,7 @@ is put right for these to the last digit. Index letters: i frame; j, k control p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,13 +36,13 @@ class Part:
     matrix: Array
 
 
-def families(coupled: Sequence[Sequence[int]], frames: int) -> list[list[int]]:
+def families(coupled: Iterable[NDArray[np.integer]], frames: int) -> list[list[int]]:
     """pa(i) of each of `frames` frames, ascending, numbered so that parents come before children.
 
     coupled: sets of frames that share a voxel.
     """
     parents: list[set[int]] = [set() for _ in range(frames)]
-    for members in coupled:
+    for members in (some.tolist() for some in coupled):
         for i in members:
             parents[i] |= {j for j in members if j < i}
     for i in reversed(range(frames)):  # eliminating i couples its parents

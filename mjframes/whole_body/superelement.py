@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.control import ControlPoints, control_weights
+from mjframes.finite_elements.batch import Progress
 from mjframes.finite_elements.element import CORNERS
 from mjframes.finite_elements.motions import Motions, motions
 from mjframes.finite_elements.respond import Response, respond
@@ -56,18 +57,25 @@ class Superelement:
 
 
 def superelement(
-    grid: Grid, weights: sparse.csr_array, control: ControlPoints, types: Sequence[str], held: int, solver: BodySolver
+    grid: Grid,
+    weights: sparse.csr_array,
+    control: ControlPoints,
+    types: Sequence[str],
+    held: int,
+    solver: BodySolver,
+    blocks: NDArray[np.integer],
+    progress: Progress,
 ) -> Superelement:
     """Return K of all control points, and how the body follows them.
 
     weights: (n, f) of the frames at the voxels.  types: (f,) of the frames.  held: so many frames, the first ones, are
-    the pieces that the solver holds, in its order.
+    the pieces that the solver holds, in its order.  blocks: (n,) the place of each voxel.  progress: see `respond`.
     """
     functionals, gram = moments(grid, weights, control, solver)
     moving = np.flatnonzero(control.frame >= held)
     rest = control.rest @ grid.axes
     forces = sparse.csr_array(functionals[:, moving])
-    response, motion = respond(solver, forces), motions(solver, forces)
+    response, motion = respond(solver, forces, blocks, progress), motions(solver, forces, blocks)
     basis = frame_motions(control, types, rest, held)
     rigid = basis @ basis.T
     mix = _independent(gram[np.ix_(moving, moving)], frame_motions(control, types, rest, held, held)[degrees(moving)])
@@ -165,7 +173,7 @@ def _free_minimum(response: Response, mix: Array, push: Array, target: Array) ->
     inverse = balanced @ _inverse(balanced.T @ compliance @ balanced) @ balanced.T
     multipliers = inverse @ target
     motion = np.linalg.lstsq(push, target - compliance @ multipliers, rcond=None)[0]
-    return motion, multipliers, target.T @ multipliers
+    return np.asarray(motion, np.float64), multipliers, target.T @ multipliers
 
 
 def _inverse(compliance: Array) -> Array:
