@@ -23,7 +23,7 @@ from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
-from mjframes.whole_body.regions import regions_of
+from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import superelement
 
@@ -86,9 +86,11 @@ def whole_body(
     label, sets = frame_sets(shapes.weights)
     blocks = blocks_of(grid, label, finite.solver.node[:, 0] < 0)
     report = _counted("condensing the whole body", progress)
+    bones = bone_frames(grid, shapes.weights, types, held)
+    types = tuple("rigid" if i in bones else kind for i, kind in enumerate(types))
     element = superelement(grid, shapes.weights, control, types, held, finite.solver, blocks, report)
     parts = select(element.matrix, control, families([np.flatnonzero(row) for row in sets], len(types)))
-    stiffness, region = regions_of(grid, shapes.weights, control, parts, links)
+    stiffness, region = regions_of(grid, shapes.weights, control, parts, links, bones)
     covariance = compliance(assembled(stiffness, k), control, types, held)
     progress("refitting the weights")
     mean, plain = averages(blocks), shapes.at_voxels(grid)

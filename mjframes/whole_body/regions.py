@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.constants import RIGID_RATIO
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.regions import frame_sets
+from mjframes.rigid import rigid_motions, size_of
 from mjframes.rotations import with_rotations
 from mjframes.stiffness import Stiffness
 from mjframes.whole_body.selection import Part
 
+OWN = 0.999  # [-] weight that a frame has of a piece that is its own
 STILL = 1e-12  # [-] stiffness, to the largest, that is rounding
 
 
@@ -27,11 +30,13 @@ def regions_of(
     control: ControlPoints,
     parts: Sequence[Part],
     links: Sequence[str],
+    bones: Sequence[int],
 ) -> tuple[Stiffness, NDArray[np.int32]]:
     """Return the regions' stiffness, and the region (n,) of each voxel.
 
     weights: (n, f) at the voxels.  parts: (f,) what each frame adds.  links: the bodies that hold the first frames;
     what only frames of one body would share needs no region, nor does a frame that nothing strains, as a rigid root.
+    bones: frames that hold a rigid piece, each of which gets a region of its own besides, of no voxels, against strain.
     """
     held = [{links[i] for i in control.frame[part.points]} if f < len(links) else set() for f, part in enumerate(parts)]
     firm = STILL * max(np.abs(part.matrix).max() for part in parts)
@@ -40,13 +45,36 @@ def regions_of(
     ]
     label, sets = frame_sets(weights)
     region = np.array([_region_of(np.flatnonzero(row), parts, control, kept) for row in sets], np.int32)[label]
+    regions = [parts[f] for f in kept] + [_bone(parts[f], control, f) for f in bones]
     stiffness = Stiffness(
-        points=tuple(parts[f].points for f in kept),
+        points=tuple(part.points for part in regions),
         gradient=(),
-        matrix=tuple(parts[f].matrix for f in kept),
-        volume=np.bincount(region, minlength=len(kept)).astype(np.float64) * grid.cell_volume,
+        matrix=tuple(part.matrix for part in regions),
+        volume=np.bincount(region, minlength=len(regions)).astype(np.float64) * grid.cell_volume,
     )
     return with_rotations(stiffness, control), region
+
+
+def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], held: int) -> list[int]:
+    """Return the frames that have a rigid piece to themselves, but for the first `held` and those that cannot strain.
+
+    The whole body lets such a frame move as a rigid one: its strain would be that of the little flesh that it has
+    besides, many times larger than the frame's, and other frames would follow that wherever the bone turns.
+    """
+    rigid = np.array([material.is_rigid for material in grid.table])[grid.material]
+    inside = sparse.csr_array(weights[rigid]).tocsc()
+    own = {i for i in range(held, len(types)) if inside[:, [i]].max() > OWN} if rigid.any() else set()
+    return sorted(i for i in own if types[i] not in ("point", "rigid"))
+
+
+def _bone(part: Part, control: ControlPoints, frame: int) -> Part:
+    """What keeps the points of a frame in shape."""
+    own = control.frame[part.points] == frame
+    points = part.points[own]
+    rest = control.rest[points]
+    rigid = np.linalg.qr(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))[0]
+    firmness = RIGID_RATIO * np.mean(np.diagonal(part.matrix)[np.repeat(own, 3)])
+    return Part(points, firmness * (np.eye(len(rigid)) - rigid @ rigid.T))
 
 
 def _region_of(frames: NDArray[np.integer], parts: Sequence[Part], control: ControlPoints, kept: Sequence[int]) -> int:
