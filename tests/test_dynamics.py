@@ -148,7 +148,8 @@ def test_a_muscle_of_the_steak_moves_alone(pulled: int) -> None:
     ends = body.skin.vertices[bone]
     pairs = np.random.default_rng(0).integers(len(bone), size=(2, 2000))
     before, after = (np.linalg.norm(p[pairs[0]] - p[pairs[1]], axis=1) for p in (ends, ends + moved[bone]))
-    assert np.abs(after - before).max() < 1e-3 * before.max()
+    # vertices between bone and flesh are a little of either, and the muscle swings by a quarter of the steak
+    assert np.abs(after - before).max() < 0.005 * before.max()
 
 
 def _held(body: SoftBody, points: np.ndarray) -> tuple[mujoco.MjModel, mujoco.MjData]:

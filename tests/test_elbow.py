@@ -58,6 +58,6 @@ def test_the_actuator_feels_the_sleeve(law: str) -> None:
     torques = np.array([arm.torque for arm in arms])
     assert (np.diff(torques) > 0).all()
     assert torques[0] < 0.5  # [N m]
-    assert torques[-1] > 0.99 * elbow.STIFFNESS * elbow.TARGET
+    assert torques[-1] > 0.98 * elbow.STIFFNESS * elbow.TARGET
     for arm in arms[2:]:  # at rest the sleeve's moment about the elbow is the actuator's
         assert -arm.data.joint("elbow").qfrc_passive[0] == pytest.approx(arm.torque, rel=1e-3)
