@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "lanes_linear.h"
+#include "law_lanes.h"
 #include "multiversion.h"
 #include "region_batch.h"
 #include "rotation.h"
@@ -11,10 +12,10 @@
 namespace mjframes {
 namespace {
 
-// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape turns
-// as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f is not
-// the exact gradient anyway, and steps along rotations that are not well determined overshoot:
-// soft = θ kSoftTwist + (1 − θ) kSoftTwistApart.
+// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape
+// turns as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f
+// is not the exact gradient anyway, and steps along rotations that are not well determined overshoot: soft = θ
+// kSoftTwist + (1 − θ) kSoftTwistApart.
 constexpr double kSoftTwist = 0.1;       // [-]
 constexpr double kSoftTwistApart = 1.0;  // [-] half of what it is at rest
 
@@ -274,6 +275,91 @@ MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
   }
 }
 
+// Adds V_q E_qᵀ H_q E_q to the blocks (j, k ≤ j) of H; slope: E_q.
+template <typename V>
+MJFRAMES_INLINE void AddCellBlocks(const Half<V>& half, const double* slope, BatchScratch* scratch) {
+  double* out = scratch->hessian.data();
+  for (int j = 0, block = 0; j < half.batch.size; j++) {
+    V E[27];
+    for (int e = 0; e < 27; e++) E[e] = half.Of(slope, 27 * static_cast<size_t>(j) + e);
+    for (int k = 0; k <= j; k++, block++) {
+      V sum[9];
+      for (int e = 0; e < 9; e++) sum[e] = half.Of(out, 9 * static_cast<size_t>(block) + e);
+      for (int n = 0; n < 9; n++) {
+        for (int s = 0; s < 3; s++) {
+          const V share = half.Of(scratch->share.data(), 27 * static_cast<size_t>(k) + 3 * n + s);
+          for (int r = 0; r < 3; r++) sum[3 * r + s] += E[3 * n + r] * share;
+        }
+      }
+      for (int e = 0; e < 9; e++) half.Put(sum[e], out, 9 * static_cast<size_t>(block) + e);
+    }
+  }
+}
+
+// Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product and makes H; of that the first column only unless `curved`.
+template <typename V>
+MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* scratch) {
+  const RegionBatch& batch = half.batch;
+  double* product = scratch->product.data();
+  for (size_t e = 0; curved && e < batch.stiffness.size() / kWideLanes; e++) {
+    half.Put(half.Of(batch.stiffness.data(), e), scratch->hessian.data(), e);
+  }
+  for (int q = 0; q < batch.cells; q++) {
+    const double* slope = batch.slope.data() + kWideLanes * 27 * static_cast<size_t>(q) * batch.size;
+    V F[9], turned[27] = {}, load[36];  // E Z, and P and H E Z side by side
+    for (int e = 0; e < 9; e++) F[e] = Fill<V>(kIdentity[e]);
+    for (int j = 0; j < batch.size; j++) {
+      const Columns<V> of(half, scratch->z.data(), j);
+      for (int e = 0; e < 9; e++) {
+        V E[3], cross[3];
+        for (int s = 0; s < 3; s++) E[s] = half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s);
+        F[e] += E[0] * of.y[0] + E[1] * of.y[1] + E[2] * of.y[2];
+        Cross3(of.z, E, cross);  // its component c is E·(e_c × z)
+        for (int c = 0; c < 3; c++) turned[3 * e + c] += cross[c];
+      }
+    }
+    const Invariants<V> is = InvariantsOf(F);
+    const Slopes<V> of = SlopesOf(batch.law, batch.material.data() + kWideLanes * q + half.first, is);
+    const V volume = half.Of(batch.volume.data(), q);
+    V P[9];
+    FirstPiola(F, is, of, P);
+    for (int e = 0; e < 9; e++) load[4 * e] = volume * P[e];
+    if (curved) {
+      V H[81];
+      ProjectedHessian(F, of, H);
+      for (V& h : H) h *= volume;
+      for (int e = 0; e < 9; e++) {
+        for (int c = 0; c < 3; c++) {
+          V sum = H[9 * e] * turned[c];
+          for (int n = 1; n < 9; n++) sum += H[9 * e + n] * turned[3 * n + c];
+          load[4 * e + 1 + c] = sum;
+        }
+      }
+      for (int j = 0; j < batch.size; j++) {
+        V E[27];
+        for (int e = 0; e < 27; e++) E[e] = half.Of(slope, 27 * static_cast<size_t>(j) + e);
+        for (int n = 0; n < 9; n++) {
+          for (int s = 0; s < 3; s++) {
+            V sum = H[9 * n] * E[s];
+            for (int e = 1; e < 9; e++) sum += H[9 * n + e] * E[3 * e + s];
+            half.Put(sum, scratch->share.data(), 27 * static_cast<size_t>(j) + 3 * n + s);
+          }
+        }
+      }
+      AddCellBlocks(half, slope, scratch);
+    }
+    for (int j = 0; j < batch.size; j++) {
+      for (int c = 0; c < (curved ? 4 : 1); c++) {
+        for (int s = 0; s < 3; s++) {
+          V sum = half.Of(product, 12 * j + 3 * c + s);
+          for (int e = 0; e < 9; e++) sum += half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s) * load[4 * e + c];
+          half.Put(sum, product, 12 * j + 3 * c + s);
+        }
+      }
+    }
+  }
+}
+
 template <typename V>
 MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse, const BatchScratch& scratch,
                               Vec3* force) {
@@ -329,8 +415,8 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
 
 // (2 − θ) R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& theta, const BatchScratch& scratch,
-                                  double* stiffness, double* held) {
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const double* K, const V* R, const V& theta,
+                                  const BatchScratch& scratch, double* stiffness, double* held) {
   V scaled[9];
   for (int e = 0; e < 9; e++) scaled[e] = (2.0 - theta) * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
@@ -348,8 +434,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& thet
         const int t = (r + 1) % 3, u = (r + 2) % 3;
         for (int s = 0; s < 3; s++) {
           const int v = (s + 1) % 3, w = (s + 2) % 3;
-          block[3 * r + s] = half.Of(half.batch.stiffness.data(), entry + 3 * r + s) -
-                             (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
+          block[3 * r + s] = half.Of(K, entry + 3 * r + s) - (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
                              (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
         }
       }
@@ -387,10 +472,12 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
     }
     Constrain(half, gradient, theta, S, scratch, inverse);
     Multiply(half, scratch);
+    if (batch.cells) AddCells(half, stiffness != nullptr, scratch);
     AddForce(half, R, inverse, *scratch, force);
     if (!stiffness) continue;
     Correct(half, inverse, scratch);
-    AddStiffness(half, R, theta, *scratch, stiffness, held);
+    const double* K = batch.cells ? scratch->hessian.data() : batch.stiffness.data();
+    AddStiffness(half, K, R, theta, *scratch, stiffness, held);
   }
 }
 

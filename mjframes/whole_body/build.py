@@ -1,6 +1,7 @@
 """The stages of the whole body's stiffness, in order.
 
 mesh and solver → superelement → covariance selection → regions → control weights that follow the body → modes → error
+→ cells, for hyperelastic laws
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from numpy.typing import NDArray
 from mjframes.finite_elements.displacements import displacements
 from mjframes.finite_elements.solver import BodySolver, body_solver
 from mjframes.grid import Grid
+from mjframes.laws import LawParameters
 from mjframes.regions import frame_sets
 from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness
+from mjframes.whole_body.cells import Cells, cells
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
@@ -44,6 +47,7 @@ class WholeBody:
     """stiffness: of the regions.  region: (n,) of each voxel.  shapes: weights that follow the body.
     lifting: what the body moves beyond them.  error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
+    cells: where a hyperelastic law is evaluated, None for the corotational one.
     """
 
     stiffness: Stiffness
@@ -52,6 +56,7 @@ class WholeBody:
     lifting: Lifting
     error: BodyError
     where: Array
+    cells: Cells | None
 
 
 def finite_elements(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> FiniteElements:
@@ -67,11 +72,13 @@ def whole_body(
     shapes: ShapeFunctions,
     types: Sequence[str],
     links: Sequence[str],
+    laws: Sequence[LawParameters],
     progress: Callable[[str], None],
 ) -> WholeBody:
     """Return what finite elements on the voxels make of frames with the weights `shapes`.
 
-    types: (f,) of the frames.  links: the bodies that hold the first ones.
+    types: (f,) of the frames.  links: the bodies that hold the first ones.  laws: of each material of the grid's table,
+    none for the corotational law.
     """
     held, k = len(links), len(shapes.control.frame)
     place = np.arange(len(grid.index))
@@ -89,4 +96,8 @@ def whole_body(
     x = coordinates(shapes.at_voxels(grid), functions, covariance, finite.cases)
     found = (functions @ x.reshape(k, -1)).reshape(finite.exact.shape) + displaced(lifted, stiffness, region, x)
     error, where = measured(grid, finite.cases, finite.exact, found)
-    return WholeBody(stiffness, region, following, lifted, error, where)
+    some = None
+    if laws:
+        progress("placing the cells")
+        some = cells(grid, shapes.weights, shapes.control, types, held, element, stiffness, region, place, laws)
+    return WholeBody(stiffness, region, following, lifted, error, where, some)
