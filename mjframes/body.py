@@ -215,8 +215,8 @@ def build(
         )
     if law != COROTATIONAL and "point" in frame_type:
         raise MjframesError(
-            f"frame_type has 'point' frames, which cannot turn: the law {law!r} would take a rotation for a strain; use "
-            "other frames, or the corotational law."
+            f"frame_type has 'point' frames, which cannot turn: the law {law!r} would take a rotation for a "
+            "strain; use other frames, or the corotational law."
         )
     require_connected(volume)
     progress("listing the voxels")

@@ -7,11 +7,11 @@ A region's energy, with y = Rᵀ x − x̄ of its control points and R its rotat
 so that it answers small loads as the finite elements do, whatever the law, and large strains as the law does. C is the
 law's tangent at rest. A cell q is what one set of frames moves of one material in a region. E_q is the regression of
 the mean over it of the displacement's gradient, ∇N̂ x of the superelement, on the region's own points, x ~ N(0, K⁺),
-exact for rigid motions:
+exact for rigid motions and others that cost nothing:
 
     E = T M⁺ + ⟨g zᵀ⟩ ⟨z zᵀ⟩⁺ Zᵀ,   z = Zᵀ x,   Zᵀ M = 0,   g = ∇N̂ x − T M⁺ x
 
-for rigid motions M and their gradients T. A mean's energy is less than the mean energy, Σ_q V_q E_qᵀ C E_q ⪯ K but for
+for these motions M and their gradients T. A mean's energy is less than the mean energy, Σ_q V_q E_qᵀ C E_q ⪯ K but for
 what the region's points alone do not know; V_q is a cell's volume times the largest share s ≤ 1 that keeps the rest
 of K positive. That is split into one K_r a region as K was (`selection`): the frames are eliminated from the last one
 on, and a frame's own block with what it couples to is its region's; all are positive semi-definite, and sum up to K.
@@ -31,8 +31,9 @@ from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.laws import LawParameters, hessian
 from mjframes.regions import frame_sets, members_of
-from mjframes.rigid import rigid_motions
+from mjframes.rigid import rigid_motions, size_of
 from mjframes.stiffness import Stiffness, blind_to_translations
+from mjframes.whole_body.following import assembled
 from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
 
 Array = NDArray[np.float64]
@@ -78,13 +79,10 @@ def cells(
     weights: (n, f) of the frames at the voxels.  types: (f,) of the frames, of which the first `held` are held.
     stiffness: of the regions.  region: (n,) of each voxel.  laws: of each material of the grid's table.
     """
-    k = len(control.frame)
-    total = np.zeros((3 * k, 3 * k))
-    for points, matrix in zip(stiffness.points, stiffness.matrix, strict=True):
-        total[np.ix_(degrees(points), degrees(points))] += matrix
+    total = assembled(stiffness, len(control.frame))
     basis = frame_motions(control, types, control.rest, held)
-    root = _root(total, basis)  # of K⁺
-    followed = element.lifting @ root
+    root, idle = _motions(total, basis, control.rest)
+    followed = element.lifting @ np.hstack([idle, root])
     turned = np.kron(grid.axes, grid.axes)
     allowed = basis @ basis.T
     tangent = [hessian(law, np.eye(3)[None])[0] for law in laws]
@@ -93,12 +91,12 @@ def cells(
     for voxels, points in zip(members_of(region, len(stiffness.points)), stiffness.points, strict=True):
         some = _members(grid, sets, voxels)
         dof = degrees(points)
-        fits = _Fit(control.rest[points], root[dof])
+        fit = _Fit.of(control.rest[points], idle[dof], root[dof])
         volume.append(np.array([len(cell) * grid.cell_volume for cell in some]))
         material.append(np.array([grid.material[cell[0]] for cell in some], np.int64))
         slope.append(
             np.array(
-                [fits.slope(turned @ _mean_gradient(grid, cell, element, place, tangent) @ followed) for cell in some]
+                [fit.slope(turned @ _mean_gradient(grid, cell, element, place, tangent) @ followed) for cell in some]
             ).reshape(len(some), 9, len(dof))
             @ allowed[np.ix_(dof, dof)]
         )
@@ -106,7 +104,7 @@ def cells(
     for points, V, numbers, E in zip(stiffness.points, volume, material, slope, strict=True):
         taken[np.ix_(degrees(points), degrees(points))] += _quadratic(V, numbers, E, tangent)
     share = 1 / max(1.0, np.linalg.eigvalsh(root.T @ taken @ root)[-1])
-    remainder = _split(total - share * taken, control, stiffness.points)
+    remainder = _split(total, total - share * taken, control, stiffness.points)
     return Cells(
         volume=tuple(share * V for V in volume),
         material=tuple(material),
@@ -127,24 +125,35 @@ def _members(grid: Grid, sets: NDArray[np.int32], voxels: NDArray[np.int32]) -> 
     return found
 
 
+@dataclass(frozen=True, eq=False)
 class _Fit:
-    """The regression on a region's points, at rest (m, 3); root: (3m, z) how they move, of unit covariance."""
+    """The regression on a region's m points.  rigid: (9, 6) T of rigid motions.  inverse: M⁺ (6 + i, 3m).
+    root: (3m, z) x of unit, independent motions.  regress: ⟨·zᵀ⟩ ⟨z zᵀ⟩⁺ Zᵀ (z, 3m).
+    """
 
-    def __init__(self, rest: Array, root: Array) -> None:
-        motion = rigid_motions(rest, rest.mean(axis=0), 1.0)
-        inverse = np.linalg.pinv(motion, rcond=SEEN)
-        left, size, _ = np.linalg.svd(motion, full_matrices=True)
-        across = left[:, np.count_nonzero(size > SEEN * size[0]) :]
-        gradient = np.zeros((9, motion.shape[1]))
-        gradient[:, 3:] = rigid_gradients()
-        self.rigid = gradient @ inverse  # (9, 3m)
-        self.root = root
-        self.across = across.T
-        self.inverse = np.linalg.pinv(across.T @ root, rcond=SEEN**0.5)
+    rigid: Array
+    inverse: Array
+    root: Array
+    regress: Array
+
+    @staticmethod
+    def of(rest: Array, idle: Array, root: Array) -> _Fit:
+        """Return that for points at rest (m, 3), i idle motions (3m, i) and others (3m, z)."""
+        size = size_of(rest)
+        motion = np.hstack([rigid_motions(rest, rest.mean(axis=0), size), idle])
+        left, length, _ = np.linalg.svd(motion, full_matrices=True)
+        across = left[:, np.count_nonzero(length > SEEN * length[0]) :].T
+        rigid = np.zeros((9, 6))
+        for axis in range(3):  # u = e × p / size
+            rigid[:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel() / size
+        inverse, seen = np.linalg.pinv(motion, rcond=SEEN), np.linalg.pinv(across @ root, rcond=SEEN**0.5)
+        return _Fit(rigid, np.asarray(inverse, np.float64), root, np.asarray(seen @ across, np.float64))
 
     def slope(self, gradient: Array) -> Array:
-        """E (9, 3m) for the gradient's (9, z) regression."""
-        return self.rigid + (gradient - self.rigid @ self.root) @ self.inverse @ self.across
+        """Return E (9, 3m) from the gradients (9, i + z) of idle and other motions."""
+        idle = gradient.shape[1] - self.root.shape[1]
+        known = np.hstack([self.rigid, gradient[:, :idle]]) @ self.inverse
+        return known + (gradient[:, idle:] - known @ self.root) @ self.regress
 
 
 def _mean_gradient(
@@ -163,7 +172,7 @@ def _mean_gradient(
             found[:, axis] = np.tensordot(share[rows], element.moved[place[rows]], 1)
     flat, given = found.reshape(9, -1), np.tile(known, 3)
     if not known.all():
-        C = tangent[grid.material[voxels[0]]]
+        C = tangent[int(grid.material[voxels[0]])]
         flat[~given] = -np.linalg.pinv(C[np.ix_(~given, ~given)], rcond=SEEN) @ C[np.ix_(~given, given)] @ flat[given]
     return flat
 
@@ -189,18 +198,19 @@ def _difference(grid: Grid, voxels: NDArray[np.int32], axis: int) -> Array | Non
     return share
 
 
-def rigid_gradients() -> Array:
-    """(9, 3) of the rotations by 1 rad about each axis: u = e × p, row 3a + b for ∂u_a/∂p_b."""
-    return np.stack([np.cross(axis, np.eye(3)).T.ravel() for axis in np.eye(3)], axis=1)
-
-
-def _root(stiffness: Array, basis: Array) -> Array:
-    """(3k, z) with its product with its transpose K⁺ [m/N], of motions in the span of `basis`."""
+def _motions(stiffness: Array, basis: Array, rest: Array) -> tuple[Array, Array]:
+    """Of motions in the span of `basis`: a root of K⁺ (3k, z), its product with its transpose, and (3k, i) those that
+    cost nothing but are not rigid.
+    """
     matrix = basis.T @ stiffness @ basis
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
     value, vector = np.linalg.eigh(matrix * scale * scale[:, None])
+    vector = basis @ (scale[:, None] * vector)
     kept = value > SEEN * value[-1]
-    return basis @ (scale[:, None] * vector[:, kept]) / np.sqrt(value[kept])
+    rigid = np.linalg.qr(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))[0]
+    free = np.linalg.qr(vector[:, ~kept])[0]
+    idle, length, _ = np.linalg.svd(free - rigid @ (rigid.T @ free), full_matrices=False)
+    return vector[:, kept] / np.sqrt(value[kept]), idle[:, length > SEEN**0.5]
 
 
 def _quadratic(volume: Array, material: NDArray[np.int64], slope: Array, tangent: Sequence[Array]) -> Array:
@@ -212,15 +222,16 @@ def _quadratic(volume: Array, material: NDArray[np.int64], slope: Array, tangent
     return found
 
 
-def _split(matrix: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]) -> list[Array]:
-    """Positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite (3k, 3k) matrix."""
+def _split(
+    stiffness: Array, matrix: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]
+) -> list[Array]:
+    """Positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite matrix (3k, 3k) below K."""
     rest, parts = matrix.copy(), []
     for points in reversed(regions):
-        child = control.frame[points] == control.frame[points[-1]]
-        own, all_ = degrees(points[child]), degrees(points)
+        own, every = degrees(points[control.frame[points] == control.frame[points[-1]]]), degrees(points)
         value, vector = np.linalg.eigh(rest[np.ix_(own, own)])
-        kept = value > SEEN * max(value[-1], 0)
-        reach = (vector[:, kept] / np.sqrt(value[kept])).T @ rest[np.ix_(own, all_)]
+        kept = value > SEEN * np.diagonal(stiffness)[own].max()
+        reach = (vector[:, kept] / np.sqrt(value[kept])).T @ rest[np.ix_(own, every)]
         parts.append(reach.T @ reach)
-        rest[np.ix_(all_, all_)] -= parts[-1]
+        rest[np.ix_(every, every)] -= parts[-1]
     return parts[::-1]
