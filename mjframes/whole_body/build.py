@@ -99,5 +99,5 @@ def whole_body(
     some = None
     if laws:
         progress("placing the cells")
-        some = cells(grid, shapes.weights, shapes.control, types, held, element, stiffness, region, place, laws)
+        some = cells(grid, shapes.control, types, held, element, stiffness, region, place, laws)
     return WholeBody(stiffness, region, following, lifted, error, where, some)

@@ -5,13 +5,14 @@ A region's energy, with y = Rᵀ x − x̄ of its control points and R its rotat
     W = Σ_q V_q ψ(I + E_q y) + ½ yᵀ K_r y,      K_i = K_r + Σ_q V_q E_qᵀ C E_q at rest
 
 so that it answers small loads as the finite elements do, whatever the law, and large strains as the law does. C is the
-law's tangent at rest. A cell q is what one set of frames moves of one material in a region. E_q is the regression of
+law's tangent at rest. A cell q is all of one material in a region: more of them, each with a volume to keep, would lock
+where the law resists that. E_q is the regression of
 the mean over it of the displacement's gradient, ∇N̂ x of the superelement, on the region's own points, x ~ N(0, K⁺),
-exact for rigid motions and others that cost nothing:
+exact for rigid motions, others that cost nothing and uniform strains of the whole body:
 
     E = T M⁺ + ⟨g zᵀ⟩ ⟨z zᵀ⟩⁺ Zᵀ,   z = Zᵀ x,   Zᵀ M = 0,   g = ∇N̂ x − T M⁺ x
 
-for these motions M and their gradients T. A mean's energy is less than the mean energy, Σ_q V_q E_qᵀ C E_q ⪯ K but for
+for these motions M and their gradients T, those of N̂ M. A mean's energy is less than the mean energy, Σ_q V_q E_qᵀ C E_q ⪯ K but for
 what the region's points alone do not know; V_q is a cell's volume times the largest share s ≤ 1 that keeps the rest
 of K positive. That is split into one K_r a region as K was (`selection`): the frames are eliminated from the last one
 on, and a frame's own block with what it couples to is its region's; all are positive semi-definite, and sum up to K.
@@ -25,12 +26,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.laws import LawParameters, hessian
-from mjframes.regions import frame_sets, members_of
+from mjframes.regions import members_of
 from mjframes.rigid import rigid_motions, size_of
 from mjframes.stiffness import Stiffness, blind_to_translations
 from mjframes.whole_body.following import assembled
@@ -38,7 +38,7 @@ from mjframes.whole_body.superelement import Superelement, degrees, frame_motion
 
 Array = NDArray[np.float64]
 
-SMALL = 0.1  # [-] of a region's volume of one material: smaller cells join the region's largest of that material
+MOST = 4  # cells of a region, those of the largest stiffness times volume; what others resist with stays in K_r
 SEEN = 1e-10  # [-] eigenvalue of a scaled matrix that counts as zero
 
 
@@ -64,7 +64,6 @@ class Cells:
 
 def cells(
     grid: Grid,
-    weights: sparse.csr_array,
     control: ControlPoints,
     types: Sequence[str],
     held: int,
@@ -76,22 +75,22 @@ def cells(
 ) -> Cells:
     """Return the cells of all regions.
 
-    weights: (n, f) of the frames at the voxels.  types: (f,) of the frames, of which the first `held` are held.
-    stiffness: of the regions.  region: (n,) of each voxel.  laws: of each material of the grid's table.
+    types: (f,) of the frames, of which the first `held` are held.  stiffness: of the regions.  region: (n,) of each
+    voxel.  place: (n,) which of the element's places each voxel is.  laws: of each material of the grid's table.
     """
     total = assembled(stiffness, len(control.frame))
     basis = frame_motions(control, types, control.rest, held)
     root, idle = _motions(total, basis, control.rest)
-    followed = element.lifting @ np.hstack([idle, root])
+    kept = np.hstack([idle, basis @ (basis.T @ _uniform_strains(control.rest))])
+    followed = element.lifting @ np.hstack([kept, root])
     turned = np.kron(grid.axes, grid.axes)
     allowed = basis @ basis.T
     tangent = [hessian(law, np.eye(3)[None])[0] for law in laws]
-    sets = frame_sets(weights)[0]
     volume, material, slope = [], [], []
     for voxels, points in zip(members_of(region, len(stiffness.points)), stiffness.points, strict=True):
-        some = _members(grid, sets, voxels)
+        some = _members(grid, voxels)
         dof = degrees(points)
-        fit = _Fit.of(control.rest[points], idle[dof], root[dof])
+        fit = _Fit.of(control.rest[points], kept[dof], root[dof])
         volume.append(np.array([len(cell) * grid.cell_volume for cell in some]))
         material.append(np.array([grid.material[cell[0]] for cell in some], np.int64))
         slope.append(
@@ -113,21 +112,17 @@ def cells(
     )
 
 
-def _members(grid: Grid, sets: NDArray[np.int32], voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:
+def _members(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:
     """The voxels of each cell of a region."""
-    found = []
     soft = voxels[grid.piece[voxels] < 0]
-    for number in np.unique(grid.material[soft]):
-        some = soft[grid.material[soft] == number]
-        kinds, kind, count = np.unique(sets[some], return_inverse=True, return_counts=True)
-        place = np.where(count < SMALL * len(some), np.argmax(count), np.arange(len(kinds)))[kind.ravel()]
-        found += [some[place == cell] for cell in np.unique(place)]
-    return found
+    stiff = np.bincount(grid.material[soft], grid.young[soft], len(grid.table))
+    chosen = np.sort(np.argsort(-stiff, kind="stable")[:MOST])
+    return [soft[grid.material[soft] == number] for number in chosen if stiff[number] > 0]
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The regression on a region's m points.  rigid: (9, 6) T of rigid motions.  inverse: M⁺ (6 + i, 3m).
+    """The regression on a region's m points.  rigid: (9, 6) T of rigid motions.  inverse: M⁺ (6 + i, 3m), i others.
     root: (3m, z) x of unit, independent motions.  regress: ⟨·zᵀ⟩ ⟨z zᵀ⟩⁺ Zᵀ (z, 3m).
     """
 
@@ -137,10 +132,10 @@ class _Fit:
     regress: Array
 
     @staticmethod
-    def of(rest: Array, idle: Array, root: Array) -> _Fit:
-        """Return that for points at rest (m, 3), i idle motions (3m, i) and others (3m, z)."""
+    def of(rest: Array, kept: Array, root: Array) -> _Fit:
+        """Return that for points at rest (m, 3), motions that it shall keep (3m, i) and others (3m, z)."""
         size = size_of(rest)
-        motion = np.hstack([rigid_motions(rest, rest.mean(axis=0), size), idle])
+        motion = np.hstack([rigid_motions(rest, rest.mean(axis=0), size), kept])
         left, length, _ = np.linalg.svd(motion, full_matrices=True)
         across = left[:, np.count_nonzero(length > SEEN * length[0]) :].T
         rigid = np.zeros((9, 6))
@@ -150,10 +145,10 @@ class _Fit:
         return _Fit(rigid, np.asarray(inverse, np.float64), root, np.asarray(seen @ across, np.float64))
 
     def slope(self, gradient: Array) -> Array:
-        """Return E (9, 3m) from the gradients (9, i + z) of idle and other motions."""
-        idle = gradient.shape[1] - self.root.shape[1]
-        known = np.hstack([self.rigid, gradient[:, :idle]]) @ self.inverse
-        return known + (gradient[:, idle:] - known @ self.root) @ self.regress
+        """Return E (9, 3m) from the gradients (9, i + z) of the motions that it keeps and of the others."""
+        i = gradient.shape[1] - self.root.shape[1]
+        known = np.hstack([self.rigid, gradient[:, :i]]) @ self.inverse
+        return known + (gradient[:, i:] - known @ self.root) @ self.regress
 
 
 def _mean_gradient(
@@ -211,6 +206,14 @@ def _motions(stiffness: Array, basis: Array, rest: Array) -> tuple[Array, Array]
     free = np.linalg.qr(vector[:, ~kept])[0]
     idle, length, _ = np.linalg.svd(free - rigid @ (rigid.T @ free), full_matrices=False)
     return vector[:, kept] / np.sqrt(value[kept]), idle[:, length > SEEN**0.5]
+
+
+def _uniform_strains(rest: Array) -> Array:
+    """(3k, 6) the motions of points (k, 3) by strains along and across the axes."""
+    offset = (rest - rest.mean(axis=0)) / size_of(rest)
+    eye = np.eye(3)
+    strains = [np.outer(eye[a], eye[b]) + np.outer(eye[b], eye[a]) for a in range(3) for b in range(a + 1)]
+    return np.stack([(offset @ strain).ravel() for strain in strains], axis=1)
 
 
 def _quadratic(volume: Array, material: NDArray[np.int64], slope: Array, tangent: Sequence[Array]) -> Array:
