@@ -12,9 +12,10 @@ exact for rigid motions, others that cost nothing and uniform strains of the who
 
     E = T M⁺ + ⟨g zᵀ⟩ ⟨z zᵀ⟩⁺ Zᵀ,   z = Zᵀ x,   Zᵀ M = 0,   g = ∇N̂ x − T M⁺ x
 
-for these motions M and their gradients T, those of N̂ M. A mean's energy is less than the mean energy, Σ_q V_q E_qᵀ C E_q ⪯ K but for
-what the region's points alone do not know; V_q is a cell's volume times the largest share s ≤ 1 that keeps the rest
-of K positive. That is split into one K_r a region as K was (`selection`): the frames are eliminated from the last one
+for these motions M and their gradients T, those of N̂ M. A mean's energy is less than the mean energy, so that
+Σ_q V_q E_qᵀ C E_q ⪯ K but for what the region's points alone do not know. V_q is a cell's volume times a share ≤ 1 that
+keeps the rest of K positive: where a motion costs more than K allows for, the cells that it costs most lose most. The
+rest is split into one K_r a region as K was (`selection`): the frames are eliminated from the last one
 on, and a frame's own block with what it couples to is its region's; all are positive semi-definite, and sum up to K.
 Index letters: v voxel; q cell; e region.
 """
@@ -39,6 +40,8 @@ from mjframes.whole_body.superelement import Superelement, degrees, frame_motion
 Array = NDArray[np.float64]
 
 MOST = 4  # cells of a region, those of the largest stiffness times volume; what others resist with stays in K_r
+ROUNDS = 200  # in which cells lose volume
+SLACK = 0.01  # [-] by which the largest energy may exceed what K allows before all cells lose the rest alike
 SEEN = 1e-10  # [-] eigenvalue of a scaled matrix that counts as zero
 
 
@@ -99,13 +102,20 @@ def cells(
             ).reshape(len(some), 9, len(dof))
             @ allowed[np.ix_(dof, dof)]
         )
-    taken = np.zeros_like(total)
+    strains = [  # of unit motions, with their product with themselves the energy
+        np.linalg.cholesky(tangent[number] + SEEN * tangent[number].max() * np.eye(9)).T @ E @ root[degrees(points)]
+        for points, numbers, slopes in zip(stiffness.points, material, slope, strict=True)
+        for number, E in zip(numbers, slopes, strict=True)
+    ]
+    ends = np.cumsum([len(V) for V in volume])[:-1]
+    volume = np.split(_affordable(np.concatenate(volume), np.array(strains)), ends)
+    rest = total.copy()
     for points, V, numbers, E in zip(stiffness.points, volume, material, slope, strict=True):
-        taken[np.ix_(degrees(points), degrees(points))] += _quadratic(V, numbers, E, tangent)
-    share = 1 / max(1.0, np.linalg.eigvalsh(root.T @ taken @ root)[-1])
-    remainder = _split(total, total - share * taken, control, stiffness.points)
+        taken = np.einsum("q,qia,qij,qjb->ab", V, E, np.array(tangent)[numbers], E, optimize=True)
+        rest[np.ix_(degrees(points), degrees(points))] -= taken
+    remainder = _split(total, rest, control, stiffness.points)
     return Cells(
-        volume=tuple(share * V for V in volume),
+        volume=tuple(volume),
         material=tuple(material),
         slope=tuple(slope),
         remainder=tuple(map(blind_to_translations, remainder)),
@@ -216,13 +226,18 @@ def _uniform_strains(rest: Array) -> Array:
     return np.stack([(offset @ strain).ravel() for strain in strains], axis=1)
 
 
-def _quadratic(volume: Array, material: NDArray[np.int64], slope: Array, tangent: Sequence[Array]) -> Array:
-    """Σ_q V_q E_qᵀ C E_q (3m, 3m) [N/m] of a region."""
-    size = slope.shape[2]
-    found = np.zeros((size, size))
-    for V, number, E in zip(volume, material, slope, strict=True):
-        found += V * E.T @ tangent[number] @ E
-    return found
+def _affordable(volume: Array, strain: Array) -> Array:
+    """V_q (q,) of cells with these volumes whose energies Σ_q V_q |strain_q z|² (q, 9, z) do not exceed |z|²."""
+    largest = 1.0
+    for _ in range(ROUNDS):
+        flat = (np.sqrt(volume)[:, None, None] * strain).reshape(-1, strain.shape[2])
+        value, vector = np.linalg.eigh(flat @ flat.T)
+        largest = max(1.0, value[-1])
+        if largest <= 1 + SLACK:
+            break
+        cost = np.sum(vector[:, -1].reshape(len(volume), -1) ** 2, axis=1)  # of each cell in the costliest motion
+        volume = volume * (1 - (1 - 1 / largest) * cost / cost.max())
+    return volume / largest
 
 
 def _split(
