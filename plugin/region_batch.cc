@@ -70,14 +70,11 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 }  // namespace
 
 BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
-  size_t points = 0, with_cells = 0;
+  size_t points = 0;
   for (const RegionBatch& batch : batches) {
     points = std::max(points, static_cast<size_t>(batch.size));
-    if (!batch.cells) continue;
-    with_cells = std::max(with_cells, static_cast<size_t>(batch.size));
-    hessian.resize(std::max(hessian.size(), batch.stiffness.size()));
+    share.resize(std::max(share.size(), batch.slope.size()));
   }
-  share.resize(27 * kWideLanes * with_cells);
   const size_t lanes = kWideLanes * points;
   z.resize(3 * lanes);
   gradient.resize(3 * lanes);

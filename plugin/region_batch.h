@@ -52,8 +52,7 @@ struct BatchScratch {
   std::vector<double> h;            // of A_j                             (m × 3 × 8)
   std::vector<double> product;      // K_e [y | Z], column by column      (m × 12 × 8)
   std::vector<double> g;            // G_j, row major                     (m × 9 × 8)
-  std::vector<double> hessian;      // H, as a batch's stiffness; of batches with cells
-  std::vector<double> share;        // V_q H_q E_q, as a batch's slope    (m × 9 × 3 × 8)
+  std::vector<double> share;        // V_q H_q E_q, as a batch's slope    (q × m × 9 × 3 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
 };
 

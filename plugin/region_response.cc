@@ -275,37 +275,14 @@ MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
   }
 }
 
-// Adds V_q E_qᵀ H_q E_q to the blocks (j, k ≤ j) of H; slope: E_q.
-template <typename V>
-MJFRAMES_INLINE void AddCellBlocks(const Half<V>& half, const double* slope, BatchScratch* scratch) {
-  double* out = scratch->hessian.data();
-  for (int j = 0, block = 0; j < half.batch.size; j++) {
-    V E[27];
-    for (int e = 0; e < 27; e++) E[e] = half.Of(slope, 27 * static_cast<size_t>(j) + e);
-    for (int k = 0; k <= j; k++, block++) {
-      V sum[9];
-      for (int e = 0; e < 9; e++) sum[e] = half.Of(out, 9 * static_cast<size_t>(block) + e);
-      for (int n = 0; n < 9; n++) {
-        for (int s = 0; s < 3; s++) {
-          const V share = half.Of(scratch->share.data(), 27 * static_cast<size_t>(k) + 3 * n + s);
-          for (int r = 0; r < 3; r++) sum[3 * r + s] += E[3 * n + r] * share;
-        }
-      }
-      for (int e = 0; e < 9; e++) half.Put(sum[e], out, 9 * static_cast<size_t>(block) + e);
-    }
-  }
-}
-
-// Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product and makes H; of that the first column only unless `curved`.
+// Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product, the first column alone unless `curved`.
 template <typename V>
 MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* scratch) {
   const RegionBatch& batch = half.batch;
   double* product = scratch->product.data();
-  for (size_t e = 0; curved && e < batch.stiffness.size() / kWideLanes; e++) {
-    half.Put(half.Of(batch.stiffness.data(), e), scratch->hessian.data(), e);
-  }
   for (int q = 0; q < batch.cells; q++) {
-    const double* slope = batch.slope.data() + kWideLanes * 27 * static_cast<size_t>(q) * batch.size;
+    const size_t first = 27 * static_cast<size_t>(q) * batch.size;
+    const double* slope = batch.slope.data() + kWideLanes * first;
     V F[9], turned[27] = {}, load[36];  // E Z, and P and H E Z side by side
     for (int e = 0; e < 9; e++) F[e] = Fill<V>(kIdentity[e]);
     for (int j = 0; j < batch.size; j++) {
@@ -342,11 +319,10 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
           for (int s = 0; s < 3; s++) {
             V sum = H[9 * n] * E[s];
             for (int e = 1; e < 9; e++) sum += H[9 * n + e] * E[3 * e + s];
-            half.Put(sum, scratch->share.data(), 27 * static_cast<size_t>(j) + 3 * n + s);
+            half.Put(sum, scratch->share.data(), first + 27 * static_cast<size_t>(j) + 3 * n + s);
           }
         }
       }
-      AddCellBlocks(half, slope, scratch);
     }
     for (int j = 0; j < batch.size; j++) {
       for (int c = 0; c < (curved ? 4 : 1); c++) {
@@ -413,10 +389,24 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
   }
 }
 
+// Adds V_q E_qjᵀ H_q E_qk to a block of H.
+template <typename V>
+MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const BatchScratch& scratch, V* block) {
+  const size_t first = static_cast<size_t>(q) * half.batch.size;
+  for (int n = 0; n < 9; n++) {
+    V share[3];
+    for (int s = 0; s < 3; s++) share[s] = half.Of(scratch.share.data(), 27 * (first + k) + 3 * n + s);
+    for (int r = 0; r < 3; r++) {
+      const V slope = half.Of(half.batch.slope.data(), 27 * (first + j) + 3 * n + r);
+      for (int s = 0; s < 3; s++) block[3 * r + s] += slope * share[s];
+    }
+  }
+}
+
 // (2 − θ) R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const double* K, const V* R, const V& theta,
-                                  const BatchScratch& scratch, double* stiffness, double* held) {
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& theta, const BatchScratch& scratch,
+                                  double* stiffness, double* held) {
   V scaled[9];
   for (int e = 0; e < 9; e++) scaled[e] = (2.0 - theta) * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
@@ -434,10 +424,12 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const double* K, const V*
         const int t = (r + 1) % 3, u = (r + 2) % 3;
         for (int s = 0; s < 3; s++) {
           const int v = (s + 1) % 3, w = (s + 2) % 3;
-          block[3 * r + s] = half.Of(K, entry + 3 * r + s) - (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
+          block[3 * r + s] = half.Of(half.batch.stiffness.data(), entry + 3 * r + s) -
+                             (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
                              (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
         }
       }
+      for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
       Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
@@ -476,8 +468,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
     AddForce(half, R, inverse, *scratch, force);
     if (!stiffness) continue;
     Correct(half, inverse, scratch);
-    const double* K = batch.cells ? scratch->hessian.data() : batch.stiffness.data();
-    AddStiffness(half, K, R, theta, *scratch, stiffness, held);
+    AddStiffness(half, R, theta, *scratch, stiffness, held);
   }
 }
 
