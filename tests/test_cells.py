@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scenes import distorted, in_space
 from scipy import sparse
-from scipy.optimize import brentq, fsolve
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 from shapes import mixed
@@ -184,7 +183,7 @@ def test_a_sheet_of_one_voxel_has_cells_free_of_stress_across_it() -> None:
 def rested(made: SoftBody, gravity: float = 0.0, pull: float = 0.0) -> np.ndarray:
     """Mean displacement (3,) [m] of the end face at rest, under gravity along −z [m/s²] or a pull of the face [N]."""
     spec = mujoco.MjSpec()
-    spec.option.timestep, spec.option.gravity = 0.01, (0, 0, -gravity)
+    spec.option.timestep, spec.option.gravity = (0.01 if pull else 0.05), (0, 0, -gravity)  # implicit steps damp
     mf.attach(spec.worldbody, made, name="bar", contact=False)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -192,12 +191,9 @@ def rested(made: SoftBody, gravity: float = 0.0, pull: float = 0.0) -> np.ndarra
     face = made.skin.vertices[:, 0] > LENGTH - 1e-6
     share = np.asarray(made.skin.weights[np.flatnonzero(face)].mean(axis=0)).ravel()
     data.xfrc_applied[view.bodies, 0] += pull * share
-    for _ in range(60):
-        mujoco.mj_step(model, data, nstep=50)
-        if np.abs(data.qvel).max() < 1e-6:
-            break
+    mujoco.mj_step(model, data, nstep=3000)
     mujoco.mj_forward(model, data)
-    assert np.abs(data.qvel).max() < 1e-2
+    assert np.abs(data.qvel).max() < 1e-4
     return (made.skin.weights @ view.control_positions - made.skin.vertices)[face].mean(axis=0)
 
 
@@ -222,17 +218,12 @@ def test_a_beam_bends_as_finite_elements_say(law: str, core: float) -> None:
     assert -rested(beam(law, core=core), gravity=0.05)[2] / 0.05 == pytest.approx(small_sag(core), rel=0.05)
 
 
-@pytest.mark.parametrize(("law", "pull"), [(law, pull) for law in LAWS for pull in (300.0, 600.0)])
-def test_a_bar_stretches_as_its_law_says(law: str, pull: float) -> None:
+@pytest.mark.parametrize(("law", "stretch"), [(law, stretch) for law in LAWS for stretch in (1.3, 1.7)])
+def test_a_bar_stretches_as_its_law_says(law: str, stretch: float) -> None:
     """Uniaxial: the sides are free of stress."""
     parameters = law_parameters(law, mf.Material(YOUNG, 0.3, DENSITY))  # pyright: ignore[reportArgumentType]
-
-    def sides(along: float) -> float:
-        across = float(
-            fsolve(lambda a: stress(parameters, np.diag([along, a[0], a[0]])[None])[0, 1, 1], 1 / along**0.3)[0]
-        )
-        return float(stress(parameters, np.diag([along, across, across])[None])[0, 0, 0])
-
-    stretch = float(brentq(lambda along: sides(along) - pull / AREA, 1.0, 3.5))
-    assert stretch > 1.2
+    across = np.linspace(0.5, 1, 10001)
+    F = np.stack([np.diag([stretch, a, a]) for a in across])
+    P = stress(parameters, F)
+    pull = AREA * np.interp(0, P[:, 1, 1], P[:, 0, 0])
     assert rested(beam(law), pull=pull)[0] / LENGTH == pytest.approx(stretch - 1, rel=0.1)

@@ -132,33 +132,46 @@ def _members(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The regression on a region's m points.  rigid: (9, 6) T of rigid motions.  inverse: M⁺ (6 + i, 3m), i others.
-    root: (3m, z) x of unit, independent motions.  regress: ⟨·zᵀ⟩ ⟨z zᵀ⟩⁺ Zᵀ (z, 3m).
+    """The regression on a region's m points, of gradients first in `kept`, then in `root`, motions of the points.
+
+    rigid: (9, 3m) T M⁺ of rigid motions.  kept: (3m, i).  of_kept: (i, 3m) its inverse, blind to rigid motions.
+    root: (3m, z) of unit, independent motions.  of_root: (z, 3m) their regression, blind to all others.
     """
 
     rigid: Array
-    inverse: Array
+    kept: Array
+    of_kept: Array
     root: Array
-    regress: Array
+    of_root: Array
 
     @staticmethod
     def of(rest: Array, kept: Array, root: Array) -> _Fit:
-        """Return that for points at rest (m, 3), motions that it shall keep (3m, i) and others (3m, z)."""
+        """Return that for points at rest (m, 3)."""
         size = size_of(rest)
-        motion = np.hstack([rigid_motions(rest, rest.mean(axis=0), size), kept])
-        left, length, _ = np.linalg.svd(motion, full_matrices=True)
-        across = left[:, np.count_nonzero(length > SEEN * length[0]) :].T
-        rigid = np.zeros((9, 6))
+        motion = rigid_motions(rest, rest.mean(axis=0), size)
+        gradient = np.zeros((9, 6))
         for axis in range(3):  # u = e × p / size
-            rigid[:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel() / size
-        inverse, seen = np.linalg.pinv(motion, rcond=SEEN), np.linalg.pinv(across @ root, rcond=SEEN**0.5)
-        return _Fit(rigid, np.asarray(inverse, np.float64), root, np.asarray(seen @ across, np.float64))
+            gradient[:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel() / size
+        inverse, relative = _inverse(motion, np.eye(len(motion)))
+        of_kept, others = _inverse(kept, relative)
+        return _Fit(gradient @ inverse, kept, of_kept, root, _inverse(root, others)[0])
 
     def slope(self, gradient: Array) -> Array:
-        """Return E (9, 3m) from the gradients (9, i + z) of the motions that it keeps and of the others."""
-        i = gradient.shape[1] - self.root.shape[1]
-        known = np.hstack([self.rigid, gradient[:, :i]]) @ self.inverse
-        return known + (gradient[:, i:] - known @ self.root) @ self.regress
+        """Return E (9, 3m) from the gradients (9, i + z) of these motions."""
+        kept, root = np.split(gradient, [self.kept.shape[1]], axis=1)
+        found = self.rigid + (kept - self.rigid @ self.kept) @ self.of_kept
+        return found + (root - found @ self.root) @ self.of_root
+
+
+def _inverse(motion: Array, seen: Array) -> tuple[Array, Array]:
+    """The pseudo-inverse (i, 3m) of motions (3m, i) as far as the orthonormal rows `seen` (s, 3m) see them, and those
+    combinations of these rows that see none of them.
+    """
+    left, size, right = np.linalg.svd(seen @ motion, full_matrices=True)
+    least = max(SEEN**0.5 * size.max(initial=0), SEEN * np.linalg.norm(motion))
+    rank = np.count_nonzero(size > least)
+    inverse = (right[:rank].T / size[:rank]) @ left[:, :rank].T @ seen
+    return np.asarray(inverse, np.float64), np.asarray(left[:, rank:].T @ seen, np.float64)
 
 
 def _mean_gradient(
