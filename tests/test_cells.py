@@ -55,10 +55,9 @@ def end_layer() -> np.ndarray:
 
 
 def regions(law: str) -> list[CorotationalRegion]:
-    found = soft(*in_space(body(law)), "soft0").regions
-    assert all(isinstance(region, CorotationalRegion) for region in found)
-    assert any(region.cells for region in found)
-    return found  # pyright: ignore[reportReturnType]
+    found = [some for some in soft(*in_space(body(law)), "soft0").regions if isinstance(some, CorotationalRegion)]
+    assert all(region.cells for region in found)
+    return found
 
 
 def assembled(made: SoftBody, matrices: list[np.ndarray] | tuple[np.ndarray, ...]) -> np.ndarray:
@@ -138,7 +137,7 @@ def test_rotations_change_neither_energy_nor_force(law: str) -> None:
     rng = np.random.default_rng(1)
     for region in regions(law):
         x = distorted(region.rest, rng, 0.1)
-        R = Rotation.random(random_state=2).as_matrix()
+        R = Rotation.from_rotvec([1, 2, -3]).as_matrix()
         assert region.energy(x @ R.T) == pytest.approx(region.energy(x), rel=1e-9)
         force = region.response(x)[0]
         np.testing.assert_allclose(region.response(x @ R.T)[0], force @ R.T, atol=1e-8 * np.abs(force).max())
@@ -163,8 +162,9 @@ def test_other_constants_are_those_of_the_whole_stiffness() -> None:
     given = {"mu": stiffer.mu, "bulk": stiffer.bulk}
     held = [mf.Fixed(end_layer())]
     made = mf.build(beam_volume(0.3, YOUNG), 3, law="neo_hookean", law_constants={1: given, 2: given}, fixed=held)
-    labels, materials = beam_volume(0.3, YOUNG).labels, dict.fromkeys((1, 2), mf.Material(2 * YOUNG, 0.4, DENSITY))
-    volume = mf.Volume.from_labels(labels, VOXEL, materials, origin=(-VOXEL, 0, 0))
+    material = mf.Material(2 * YOUNG, 0.4, DENSITY)
+    labels = beam_volume(0.3, YOUNG).labels
+    volume = mf.Volume.from_labels(labels, VOXEL, {1: material, 2: material}, origin=(-VOXEL, 0, 0))
     plain = mf.build(volume, 3, law="neo_hookean", fixed=held)
     for found, expected in zip(made.stiffness.matrix, plain.stiffness.matrix, strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
@@ -208,7 +208,7 @@ def small_sag(core: float) -> float:
     moved = np.zeros_like(mesh.nodes)
     _, tangent = internal_force(mesh, moved)
     assert tangent is not None
-    moved.ravel()[free] = spsolve(sparse.csc_array(tangent[free][:, free]), load.ravel()[free])
+    moved.ravel()[free] = np.asarray(spsolve(sparse.csc_array(tangent[free][:, free]), load.ravel()[free]))
     return -np.average(moved[tip, 2], weights=np.bincount(mesh.element.ravel())[tip])
 
 
