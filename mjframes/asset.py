@@ -21,6 +21,7 @@ from mjframes.lattice import Lattice
 from mjframes.material import Material
 from mjframes.quadrature import Quadrature
 from mjframes.stiffness import Stiffness
+from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.error import BodyError
 
 KIND = "mjframes soft body"
@@ -66,6 +67,8 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
     }
     if stiffness.fallback:
         arrays["region_fallback"] = np.concatenate(stiffness.fallback)
+    if body.cells is not None:
+        arrays |= _packed_cells(body.cells)
     if body.quadrature is not None:
         arrays |= _packed_quadrature(body.quadrature)
     for name, weights in (
@@ -125,6 +128,7 @@ def _restored(arrays: dict[str, np.ndarray]) -> SoftBody:
         mode=str(arrays["mode"]),
         law=str(arrays["law"]),
         law_constants=arrays["law_constants"],
+        cells=_restored_cells(arrays, size),
         quadrature=_restored_quadrature(arrays, np.split(arrays["region_points"], ends)),
         skin=Skin(arrays["skin_vertices"], arrays["skin_faces"], arrays["skin_label"], weights("skin")),
         contact=ContactSpheres(
@@ -152,6 +156,30 @@ def _restored_error(arrays: dict[str, np.ndarray]) -> BodyError | None:
         return None
     weight, pushes = arrays["body_error"].tolist()
     return BodyError(None if np.isnan(weight) else weight, pushes)
+
+
+def _packed_cells(cells: Cells) -> dict[str, np.ndarray]:
+    return {
+        "cell_count": np.array([len(volume) for volume in cells.volume]),
+        "cell_volume": np.concatenate(cells.volume),
+        "cell_material": np.concatenate(cells.material),
+        "cell_slope": np.concatenate([slope.ravel() for slope in cells.slope]),
+        "cell_remainder": np.concatenate([lower_triangle(matrix) for matrix in cells.remainder]),
+    }
+
+
+def _restored_cells(arrays: dict[str, np.ndarray], size: np.ndarray) -> Cells | None:
+    if "cell_count" not in arrays:
+        return None
+    count = arrays["cell_count"]
+    ends = np.cumsum(count)[:-1]
+    slopes = np.split(arrays["cell_slope"], np.cumsum(27 * count * size)[:-1])
+    return Cells(
+        volume=tuple(np.split(arrays["cell_volume"], ends)),
+        material=tuple(np.split(arrays["cell_material"], ends)),
+        slope=tuple(slope.reshape(-1, 9, 3 * int(m)) for slope, m in zip(slopes, size, strict=True)),
+        remainder=triangles(arrays["cell_remainder"], 3 * size),
+    )
 
 
 def _packed_quadrature(quadrature: Quadrature) -> dict[str, np.ndarray]:

@@ -19,14 +19,14 @@ from mjframes.control import ControlPoints
 from mjframes.errors import MjframesError
 from mjframes.fields import COMPLIANCE, EVEN, Fields
 from mjframes.frames import Frames, place
-from mjframes.grid import evened, voxel_grid
+from mjframes.grid import evened, voxel_grid, with_materials
 from mjframes.lattice import Lattice, rest_lattice
 from mjframes.laws import LAWS
 from mjframes.mass import mass_difference
 from mjframes.material import Material
 from mjframes.null_modes import hold_null_modes
 from mjframes.patches import group_patches
-from mjframes.quadrature import Quadrature, parameters, quadrature, require_turning
+from mjframes.quadrature import Quadrature, parameters, quadrature
 from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness, region_stiffness
 from mjframes.supports import Attached, Fixed, held_cores
@@ -34,6 +34,7 @@ from mjframes.surfaces import Surface, contact_points, extract_surface
 from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind
 from mjframes.whole_body.build import WholeBody, finite_elements, whole_body
+from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.count import fewest_frames
 from mjframes.whole_body.error import BodyError
 
@@ -81,8 +82,9 @@ class SoftBody:
 
     parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.  types:
     (f,) of the frames.  links: names of the bodies that hold the first so many frames, "" for the one that the soft
-    body is attached to.  control: its points.  stiffness: of its regions.  law: of its elasticity; law_constants: (t, 3) of each material, and quadrature: the points where it
-    is evaluated, for a law other than "corotational".  mass_difference: consistent minus lumped mass matrix of each
+    body is attached to.  control: its points.  stiffness: of its regions, at rest.  law: of its elasticity;
+    law_constants: (t, 3) of each material, and cells, or quadrature points with the paper's method: where it is
+    evaluated, for a law other than "corotational".  mass_difference: consistent minus lumped mass matrix of each
     region (m, m) [kg], none for lumped mass.  mode: "implicit" or "explicit".  skin, contact: its surfaces.
     lattice: its rest shape, for contact.  materials: by label.  damping: Rayleigh's (α [1/s], β [s]).  voxels: how
     many.  error: against finite elements, None for the paper's method.  fields: what is known at each voxel.
@@ -95,6 +97,7 @@ class SoftBody:
     stiffness: Stiffness
     law: str
     law_constants: np.ndarray
+    cells: Cells | None
     quadrature: Quadrature | None
     mass_difference: tuple[np.ndarray, ...]
     mode: str
@@ -165,9 +168,8 @@ def build(
     metric: frames are spread by distance inside the body, "even", or by the paper's "compliance" distance; that of the
     method unless given.
     weights: "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
-    law: "corotational", or one that is evaluated at quadrature points: "green_lagrange", "neo_hookean",
-    "mooney_rivlin" or "arruda_boyce", with their constants by label where those of Young's modulus and Poisson's ratio
-    will not do.
+    law: "corotational", or one for large strains: "green_lagrange", "neo_hookean", "mooney_rivlin" or "arruda_boyce",
+    with their constants by label where those of Young's modulus and Poisson's ratio will not do.
     mass: "consistent" or "lumped".
     mode: "implicit", stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the
     stiffest vibration.
@@ -197,12 +199,10 @@ def build(
     if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
         raise MjframesError("more than one of frames, at and error is given; give one of them.")
     metric = metric or METHODS[method]
-    if method == PAPER or law != COROTATIONAL:
+    if method == PAPER:
         samples = SAMPLES if samples is None else samples
         if error is not None:
-            raise MjframesError(
-                f"error is {error!r}, but only the corotational whole body knows its error; give frames."
-            )
+            raise MjframesError(f"error is {error!r}, but only the whole body knows its error; give frames.")
     elif samples is not None:
         raise MjframesError(
             f"samples is {samples!r}, but the whole body's stiffness has one region a frame; leave it out, or choose "
@@ -213,29 +213,36 @@ def build(
             f"contact_radius is {contact_radius!r}; it must be positive and at most {RADIUS_LIMIT:g} voxels, "
             f"{RADIUS_LIMIT * np.min(volume.spacing):g} m."
         )
+    if law != COROTATIONAL and "point" in frame_type:
+        raise MjframesError(
+            f"frame_type has 'point' frames, which cannot turn: the law {law!r} would take a rotation for a "
+            "strain; use other frames, or the corotational law."
+        )
     require_connected(volume)
     progress("listing the voxels")
     grid = voxel_grid(volume)
     shaped = evened(grid) if metric == EVEN else grid
     cores, links = held_cores(grid, fixed, attached)
+    laws = () if law == COROTATIONAL else parameters(law, grid, law_constants or {})
 
     def placed(count: int | None) -> Frames:
         progress("placing the frames")
         return place(grid, shaped, cores, count, at, seed, frame_type, weights, subdivisions, samples)
 
-    made = None
+    made, cells = None, None
     if samples is None:
-        finite = finite_elements(grid, cores, progress)
+        hookes = with_materials(grid, [some.hooke for some in laws]) if laws else grid
+        finite = finite_elements(hookes, cores, progress)
 
         def condensed(some: Frames) -> WholeBody:
-            return whole_body(grid, finite, some.shapes, some.types, links, progress)
+            return whole_body(hookes, finite, some.shapes, some.types, links, laws, progress)
 
         if error is not None:
             placement, made = fewest_frames(error, grid, finite, len(grid.index), placed, condensed)
         else:
             placement = placed(frames)
             made = condensed(placement)
-        stiffness, region, shapes = made.stiffness, made.region, made.shapes
+        stiffness, region, shapes, cells = made.stiffness, made.region, made.shapes, made.cells
     else:
         placement = placed(frames)
         shapes, regions = placement.shapes, placement.regions
@@ -244,13 +251,12 @@ def build(
         stiffness, region = region_stiffness(grid, shapes, regions, placement.tree), regions.label
     if not cores:  # a null mode moves all frames of its chain, so a fixed one holds it
         rigid = [i for i, name in enumerate(placement.types) if name == "rigid"]
-        stiffness = hold_null_modes(stiffness, shapes.control, rigid)
-    constants, points = np.zeros((0, 3)), None
-    if placement.regions and law != COROTATIONAL:
+        before, stiffness = stiffness, hold_null_modes(stiffness, shapes.control, rigid)
+        cells = cells and cells.stiffened(before, stiffness)
+    points = None
+    if placement.regions and laws:
         progress("placing the quadrature points")
-        constants = np.array([p.constants for p in parameters(law, grid, law_constants or {})])
         points = quadrature(grid, shapes, placement.regions, placement.tree)
-        points = require_turning(points, shapes.control, law)
     difference: tuple[np.ndarray, ...] = ()
     if mass == "consistent":
         difference = mass_difference(grid, shaped, shapes, region, stiffness)
@@ -270,7 +276,8 @@ def build(
         control=shapes.control,
         stiffness=stiffness,
         law=law,
-        law_constants=constants,
+        law_constants=np.array([some.constants for some in laws]).reshape(-1, 3),
+        cells=cells,
         quadrature=points,
         mass_difference=difference,
         mode=mode,

@@ -16,6 +16,7 @@ from mjframes.mass import uncoupled
 from mjframes.quadrature import Quadrature
 from mjframes.rotations import frame_gradients
 from mjframes.stiffness import shows_rotations
+from mjframes.whole_body.cells import Cells
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "version",
@@ -41,6 +42,10 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "quadrature_volume",
     "quadrature_material",
     "quadrature_gradient",
+    "cell_count",
+    "cell_volume",
+    "cell_material",
+    "cell_slope",
     "region_mass",
     "region_enlargement",
     "contact_radius",
@@ -95,7 +100,9 @@ def configuration(
         "region_point": encode(np.concatenate(stiffness.points)),
         "asset": asset_key(body),
     }
-    values |= _corotational(body, rest) if body.quadrature is None else _hyperelastic(body, body.quadrature, rest)
+    values |= _hyperelastic(body, body.quadrature, rest) if body.quadrature else _corotational(body, rest)
+    if body.cells:
+        values |= _cells(body, body.cells)
     if offset.any():
         values["point_offset"] = encode(offset)
     if branch.any():
@@ -109,13 +116,14 @@ def configuration(
 
 def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
     stiffness = body.stiffness
+    matrices = body.cells.remainder if body.cells else stiffness.matrix
     gradients = [
         shows_rotations(gradient, rest[points])
         for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
     ]
     values = {
         "region_gradient": encode(np.concatenate(gradients)),
-        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in stiffness.matrix])),
+        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in matrices])),
     }
     if not stiffness.fallback:
         return values
@@ -129,6 +137,16 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
         "region_fallback": encode(np.concatenate(fallbacks)),
         "frame_size": encode(np.bincount(frame)),
         "frame_gradient": encode(frame_gradients(rest, frame)),
+    }
+
+
+def _cells(body: SoftBody, cells: Cells) -> dict[str, str]:
+    return {
+        "law_constants": encode(body.law_constants),
+        "cell_count": encode([len(volume) for volume in cells.volume]),
+        "cell_volume": encode(np.concatenate(cells.volume)),
+        "cell_material": encode(np.concatenate(cells.material)),
+        "cell_slope": encode(np.concatenate([slope.ravel() for slope in cells.slope])),
     }
 
 

@@ -6,6 +6,7 @@ Everything after this stage works on these n voxels, never on the image.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -136,6 +137,12 @@ def evened(grid: Grid) -> Grid:
     """Return the same voxels as if all that is not rigid were one material: compliance distance is then geodesic."""
     alike = replace(grid.table[0], young=1.0, is_rigid=False)
     return replace(grid, table=tuple(material if material.is_rigid else alike for material in grid.table))
+
+
+def with_materials(grid: Grid, elasticity: Sequence[tuple[float, float]]) -> Grid:
+    """Return the same voxels with Young's modulus [Pa] and Poisson's ratio [-] of each material of the table."""
+    pairs = zip(grid.table, elasticity, strict=True)
+    return replace(grid, table=tuple(replace(some, young=young, poisson=poisson) for some, (young, poisson) in pairs))
 
 
 def nearest_voxels(grid: Grid, points: ArrayLike, within: int) -> NDArray[np.int64]:

@@ -59,6 +59,13 @@ class LawParameters:
             return self.c10, self.c01, self.bulk
         return self.mu, self.segments, self.bulk
 
+    @property
+    def hooke(self) -> tuple[float, float]:
+        """Young's modulus [Pa] and Poisson's ratio [-] of small strains."""
+        mu = self.mu or 2 * (self.c10 + self.c01)
+        young = 9 * self.bulk * mu / (3 * self.bulk + mu)
+        return young, max(0.0, young / (2 * mu) - 1)
+
 
 def law_parameters(law: Law, material: Material, **given: float) -> LawParameters:
     """The law's constants for a material: those `given`, the others from its Young's modulus and Poisson's ratio.

@@ -14,16 +14,24 @@ The gradients g are the region's own, ḡ, unless it is what one frame, the chil
 Given the parents' rotation the energy is a convex quadratic of the child's points, so that a child that was turned over
 or inside out finds back. e is 1 at rest; how x changes θ is left out of f and K, as it is for λ.
 
+A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
+
+    W   = ½ yᵀ K_e y + Σ_q V_q ψ(F_q),   F_q = I + E_q y
+    f   = −R Pᵀ (K_e y + Σ_q V_q E_qᵀ P(F_q)),   K_e + Σ_q V_q E_qᵀ (∂P/∂F) E_q for K_e in K, ∂P/∂F projected
+
 The plugin computes the same inside `mj_step`; this module is what the views read and what the plugin is tested against.
-Shapes: x, rest, gradient (m, 3); K_e (3m, 3m), degrees of freedom point by point.
+Shapes: x, rest, gradient (m, 3); K_e (3m, 3m), y (3m,), E_q (9, 3m), degrees of freedom point by point.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mjframes.laws import LawParameters, energy, projected_hessian, stress
 
 # each as in plugin/, where they are explained
 AGREEING, OPPOSED = 0.4, 0.1  # [-] e above which θ is 1 and below which it is 0
@@ -72,12 +80,29 @@ def _strain(x, rest, gradient):
     return rotation, z, (z - (rest - rest.mean(axis=0))).ravel()
 
 
+@dataclass(frozen=True, eq=False)
+class LawCell:
+    """volume: V_q [m³].  law: of its material.  slope: E_q (9, 3m) [1/m], row 3r + a for F_ra."""
+
+    volume: float
+    law: LawParameters
+    slope: NDArray[np.float64]
+
+    def deformation(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """F_q (1, 3, 3)."""
+        return np.eye(3)[None] + (self.slope @ y).reshape(1, 3, 3)
+
+
 def region_energy(
-    x: NDArray[np.float64], rest: NDArray[np.float64], gradient: NDArray[np.float64], stiffness: NDArray[np.float64]
+    x: NDArray[np.float64],
+    rest: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    cells: Sequence[LawCell] = (),
 ) -> float:
-    """Elastic energy ½ yᵀ K_e y [J] of one region."""
+    """Elastic energy ½ yᵀ K_e y + Σ_q V_q ψ(F_q) [J] of one region."""
     _, _, y = _strain(x, rest, gradient)
-    return 0.5 * float(y @ stiffness @ y)
+    return 0.5 * float(y @ stiffness @ y) + sum(c.volume * float(energy(c.law, c.deformation(y))[0]) for c in cells)
 
 
 def region_response(
@@ -87,6 +112,7 @@ def region_response(
     stiffness: NDArray[np.float64],
     theta: float = 1.0,
     shows: int | None = None,
+    cells: Sequence[LawCell] = (),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m] of one region.
 
@@ -104,7 +130,12 @@ def region_response(
     inverse = np.linalg.pinv(row @ stack, rcond=SINGULAR)  # points on a line can turn about it unseen
     projection = np.eye(x.size) - stack @ inverse @ row
     turn = np.kron(np.eye(len(x)), rotation)
-    force = -turn @ projection.T @ stiffness @ y
+    slope = stiffness @ y
+    for cell in cells:
+        F = cell.deformation(y)
+        slope = slope + cell.volume * cell.slope.T @ stress(cell.law, F).ravel()
+        stiffness = stiffness + cell.volume * cell.slope.T @ projected_hessian(cell.law, F)[0] @ cell.slope
+    force = -turn @ projection.T @ slope
     return force.reshape(-1, 3), (2 - theta) * turn @ projection.T @ stiffness @ projection @ turn.T
 
 
@@ -138,7 +169,7 @@ class Fallback:
 class CorotationalRegion:
     """points: (m,) its control points.  rest: x̄ (m, 3) [m].  gradient: ḡ (m, 3) [1/m].  stiffness: K_e [N/m].
 
-    fallback: None where ḡ stands alone.
+    fallback: None where ḡ stands alone.  cells: of a hyperelastic law, of which K_e is what remains.
     """
 
     points: NDArray[np.int64]
@@ -146,6 +177,7 @@ class CorotationalRegion:
     gradient: NDArray[np.float64]
     stiffness: NDArray[np.float64]
     fallback: Fallback | None = None
+    cells: tuple[LawCell, ...] = ()
 
     def effective_gradient(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         """θ [-] and g (m, 3) [1/m] with the region's control points at x (m, 3) [m]."""
@@ -172,10 +204,10 @@ class CorotationalRegion:
 
     def energy(self, x: NDArray[np.float64]) -> float:
         """[J]"""
-        return region_energy(x, self.rest, self.effective_gradient(x)[1], self.stiffness)
+        return region_energy(x, self.rest, self.effective_gradient(x)[1], self.stiffness, self.cells)
 
     def response(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m]."""
         theta, gradient = self.effective_gradient(x)
         shows = self.fallback.parents if self.fallback else None
-        return region_response(x, self.rest, gradient, self.stiffness, theta, shows)
+        return region_response(x, self.rest, gradient, self.stiffness, theta, shows, self.cells)

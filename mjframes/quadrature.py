@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 Strain = Literal["corotational", "green_lagrange"]
 
 SHARE = 1 << 15  # [voxels] that one thread sums up at a time
-TURNS = 1e-6  # [-] of F at rest: what weights left out for being negligible may cost
 CONSTANT = 1e-9  # [-] change of weights across a cell below which they count as constant
 SQUARES = [9, 6, 4]  # places of x², y², z² among the monomials of degree ≤ 2
 ENERGY_ORDER: dict[Strain, int] = {"corotational": 2, "green_lagrange": 4}  # Table 1: degree of f over that of F
@@ -116,18 +115,6 @@ def parameters(law: str, grid: Grid, given: Mapping[int, Mapping[str, float]]) -
         law_parameters(cast(Law, law), material, **given.get(int(label), {}))
         for label, material in zip(grid.labels, grid.table, strict=True)
     )
-
-
-def require_turning(points: Quadrature, control: ControlPoints, law: str) -> Quadrature:
-    """The same. Raises MjframesError where some frames cannot turn: the law would take a rotation for a strain."""
-    for members, gradient in zip(points.points, points.gradient, strict=True):
-        identity = np.einsum("jr,qja->qra", control.rest[members], gradient)
-        if np.abs(identity - np.eye(3)).max() > TURNS:
-            raise MjframesError(
-                f"frame_type has 'point' frames, which cannot turn: the law {law!r} would take a rotation for a "
-                "strain; use other frames, or the corotational law."
-            )
-    return points
 
 
 def _linear_weights(

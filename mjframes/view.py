@@ -18,9 +18,9 @@ from mjframes.configuration import ATTRIBUTES, decode
 from mjframes.errors import MjframesError
 from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.identity import asset_key, recall
-from mjframes.laws import law_of_constants
+from mjframes.laws import LawParameters, law_of_constants
 from mjframes.material_points import MaterialPoints, material_points
-from mjframes.mechanics import CorotationalRegion, Fallback
+from mjframes.mechanics import CorotationalRegion, Fallback, LawCell
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +51,15 @@ class Soft:
     @cached_property
     def regions(self) -> list[CorotationalRegion] | list[HyperelasticRegion]:
         """The elastic regions; their control points are numbered as here."""
-        if self.configuration["law"] == "corotational":
+        if "quadrature_count" not in self.configuration:
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
-            parts = zip(self._points, gradients, matrices, self._fallbacks, strict=True)
+            parts = zip(self._points, gradients, matrices, self._fallbacks, self._cells, strict=True)
             return [
-                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback)
-                for points, gradient, matrix, fallback in parts
+                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback, cells)
+                for points, gradient, matrix, fallback, cells in parts
             ]
-        constants = decode(self.configuration["law_constants"]).reshape(-1, 3)
-        laws = tuple(law_of_constants(self.configuration["law"], some) for some in constants.tolist())
+        laws = self._laws
         count = decode(self.configuration["quadrature_count"]).astype(int)
         ends = np.cumsum(count)[:-1]
         volumes = np.split(decode(self.configuration["quadrature_volume"]), ends)
@@ -71,6 +70,31 @@ class Soft:
             HyperelasticRegion(points, gradient.reshape(-1, len(points), 3), volume, material, laws)
             for points, gradient, volume, material in zip(self._points, gradients, volumes, materials, strict=True)
         ]
+
+    @property
+    def _laws(self) -> tuple[LawParameters, ...]:
+        """Of each material."""
+        constants = decode(self.configuration["law_constants"]).reshape(-1, 3)
+        return tuple(law_of_constants(self.configuration["law"], some) for some in constants.tolist())
+
+    @property
+    def _cells(self) -> list[tuple[LawCell, ...]]:
+        """Of each region."""
+        if "cell_count" not in self.configuration:
+            return [()] * len(self._sizes)
+        laws = self._laws
+        count = decode(self.configuration["cell_count"]).astype(int)
+        volumes, materials = decode(self.configuration["cell_volume"]), decode(self.configuration["cell_material"])
+        of_regions = np.split(decode(self.configuration["cell_slope"]), np.cumsum(27 * count * self._sizes)[:-1])
+        slopes = [
+            slope for some, m in zip(of_regions, self._sizes, strict=True) for slope in some.reshape(-1, 9, 3 * m)
+        ]
+        cells = [
+            LawCell(volume, laws[int(number)], slope)
+            for volume, number, slope in zip(volumes.tolist(), materials, slopes, strict=True)
+        ]
+        ends = np.cumsum(count)
+        return [tuple(cells[end - q : end]) for q, end in zip(count, ends, strict=True)]
 
     @property
     def _fallbacks(self) -> list[Fallback | None]:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "hessian.h"
 #include "rotation.h"
 
 namespace mjframes {
@@ -61,6 +62,18 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R) {
       }
     }
     energy += 0.5 * Dot(yj, w);
+  }
+  for (const Cell& cell : region.cells) {
+    Mat3 F = kIdentity;
+    for (int j = 0; j < m; j++) {
+      const Vec3 yj = strain(j);
+      for (int e = 0; e < 9; e++) {
+        const double* row = cell.slope.data() + 3 * (static_cast<size_t>(e) * m + j);
+        F[e] += row[0] * yj[0] + row[1] * yj[1] + row[2] * yj[2];
+      }
+    }
+    const Invariants<double> is = InvariantsOf(F.data());
+    energy += cell.volume * EnergyDensity(region.law, cell.material, is.i1, is.i2, is.j);
   }
   return energy;
 }

@@ -1,4 +1,4 @@
-// Law `corotational`: a region as a corotated superelement (design: y_j = Rᵀ x_j − x̄_j, energy ½ yᵀ K_e y).
+// A region as a corotated superelement (design: y_j = Rᵀ x_j − x̄_j, energy ½ yᵀ K_e y).
 //
 //   f = −R Pᵀ K_e y,   K = (2 − θ) R Pᵀ K_e P Rᵀ,   P = I − Z (A Z)⁻¹ A
 //
@@ -16,6 +16,8 @@
 //
 // How x changes θ is left out of f and K, as it is for λ. Where θ < 1 K is larger than the Gauss–Newton stiffness:
 // steps of half the length do not overshoot while the regions turn.
+//
+// A hyperelastic law adds its own energy, in cells of the region (cells.h).
 
 #ifndef MJFRAMES_PLUGIN_COROTATIONAL_H_
 #define MJFRAMES_PLUGIN_COROTATIONAL_H_
@@ -23,6 +25,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "cells.h"
 #include "lanes.h"
 #include "linear.h"
 
@@ -45,6 +48,8 @@ struct Region {
                                    // where it has a fallback, else all
   std::vector<double> stiffness;   // K_e [N/m]                               (3m × 3m)
   std::vector<int32_t> pair;       // pair of points of each block (j, k ≤ j) (m(m+1)/2)
+  Law law;                         // of the cells
+  std::vector<Cell> cells;         // none for the law `corotational`
   double enlargement;              // of its stiffness where d->M cannot hold all of it, else 1 [-]
   int number;                      // in the configuration
 
@@ -62,7 +67,7 @@ MJFRAMES_INLINE V TrustOf(const V& e) {
 // R. x: all control points of the body [m].
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess);
 
-// ½ yᵀ K_e y [J]
+// ½ yᵀ K_e y and the cells' energy [J]
 double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R);
 
 }  // namespace mjframes

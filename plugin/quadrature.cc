@@ -6,6 +6,7 @@
 
 #include "hessian.h"
 #include "lanes.h"
+#include "law_lanes.h"
 #include "multiversion.h"
 #include "scatter.h"
 
@@ -25,21 +26,6 @@ MJFRAMES_INLINE void Gradient(const double* by_point, const Vec3* x, int m, Lane
     const Lanes g[3] = {Load(by_point), Load(by_point + kLanes), Load(by_point + 2 * kLanes)};
     for (int e = 0; e < 9; e++) F[e] += x[j][e / 3] * g[e % 3];
   }
-}
-
-template <typename V>
-MJFRAMES_INLINE Slopes<V> SlopesOf(Law law, const LawParameters* material, const Invariants<V>& is) {
-  Slopes<V> of;
-  for (int lane = 0; lane < kWidth<V>; lane++) {
-    const LawParameters& p = material[lane];
-    const Stretch f = Respond(law, p, is.i1[lane]);
-    of.f1[lane] = f.slope;
-    of.f2[lane] = f.curvature;
-    of.second[lane] = p.second;
-    of.volume[lane] = p.volume;
-    of.g1[lane] = p.volume * (is.j[lane] - 1) - p.linear;
-  }
-  return of;
 }
 
 // V_q P of eight points from their F (9 × 8), and V_q ∂P/∂F where `hessian` is given.

@@ -20,6 +20,12 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   }
   batch.stiffness.assign(kWideLanes * 9 * blocks, 0);
   batch.pair.assign(kWideLanes * blocks, -1);
+  batch.law = regions.front()->law;
+  batch.cells = 0;
+  for (const Region* region : regions) batch.cells = std::max(batch.cells, static_cast<int>(region->cells.size()));
+  batch.volume.assign(kWideLanes * static_cast<size_t>(batch.cells), 0);
+  batch.material.assign(batch.volume.size(), LawParameters{});
+  batch.slope.assign(27 * static_cast<size_t>(m) * batch.volume.size(), 0);
   for (int lane = 0; lane < kWideLanes; lane++) {
     // lanes without a region have the first one's shape, without its stiffness
     const bool filled = lane < static_cast<int>(regions.size());
@@ -47,6 +53,15 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
         }
       }
     }
+    for (size_t q = 0; filled && q < region.cells.size(); q++) {
+      const Cell& cell = region.cells[q];
+      batch.volume[kWideLanes * q + lane] = cell.volume;
+      batch.material[kWideLanes * q + lane] = cell.material;
+      for (int j = 0; j < region.size(); j++) {
+        double* slope = batch.slope.data() + kWideLanes * 27 * (q * m + j) + lane;
+        for (int e = 0; e < 27; e++) slope[kWideLanes * e] = cell.slope[3 * (e / 3 * region.size() + j) + e % 3];
+      }
+    }
     for (const int32_t end : region.frame_end) batch.ends[kWideLanes * (end - 1) + lane] = 1;
   }
   return batch;
@@ -54,8 +69,13 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 
 }  // namespace
 
-BatchScratch::BatchScratch(int max_points) {
-  const size_t lanes = kWideLanes * static_cast<size_t>(max_points);
+BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
+  size_t points = 0;
+  for (const RegionBatch& batch : batches) {
+    points = std::max(points, static_cast<size_t>(batch.size));
+    share.resize(std::max(share.size(), batch.slope.size()));
+  }
+  const size_t lanes = kWideLanes * points;
   z.resize(3 * lanes);
   gradient.resize(3 * lanes);
   h.resize(3 * lanes);

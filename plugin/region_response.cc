@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "lanes_linear.h"
+#include "law_lanes.h"
 #include "multiversion.h"
 #include "region_batch.h"
 #include "rotation.h"
@@ -274,6 +275,67 @@ MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
   }
 }
 
+// Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product, the first column alone unless `curved`.
+template <typename V>
+MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* scratch) {
+  const RegionBatch& batch = half.batch;
+  double* product = scratch->product.data();
+  for (int q = 0; q < batch.cells; q++) {
+    const size_t first = 27 * static_cast<size_t>(q) * batch.size;
+    const double* slope = batch.slope.data() + kWideLanes * first;
+    V F[9], turned[27] = {}, load[36];  // E Z, and P and H E Z side by side
+    for (int e = 0; e < 9; e++) F[e] = Fill<V>(kIdentity[e]);
+    for (int j = 0; j < batch.size; j++) {
+      const Columns<V> of(half, scratch->z.data(), j);
+      for (int e = 0; e < 9; e++) {
+        V E[3], cross[3];
+        for (int s = 0; s < 3; s++) E[s] = half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s);
+        F[e] += E[0] * of.y[0] + E[1] * of.y[1] + E[2] * of.y[2];
+        Cross3(of.z, E, cross);  // its component c is E·(e_c × z)
+        for (int c = 0; c < 3; c++) turned[3 * e + c] += cross[c];
+      }
+    }
+    const Invariants<V> is = InvariantsOf(F);
+    const Slopes<V> of = SlopesOf(batch.law, batch.material.data() + kWideLanes * q + half.first, is);
+    const V volume = half.Of(batch.volume.data(), q);
+    V P[9];
+    FirstPiola(F, is, of, P);
+    for (int e = 0; e < 9; e++) load[4 * e] = volume * P[e];
+    if (curved) {
+      V H[81];
+      ProjectedHessian(F, of, H);
+      for (V& h : H) h *= volume;
+      for (int e = 0; e < 9; e++) {
+        for (int c = 0; c < 3; c++) {
+          V sum = H[9 * e] * turned[c];
+          for (int n = 1; n < 9; n++) sum += H[9 * e + n] * turned[3 * n + c];
+          load[4 * e + 1 + c] = sum;
+        }
+      }
+      for (int j = 0; j < batch.size; j++) {
+        V E[27];
+        for (int e = 0; e < 27; e++) E[e] = half.Of(slope, 27 * static_cast<size_t>(j) + e);
+        for (int n = 0; n < 9; n++) {
+          for (int s = 0; s < 3; s++) {
+            V sum = H[9 * n] * E[s];
+            for (int e = 1; e < 9; e++) sum += H[9 * n + e] * E[3 * e + s];
+            half.Put(sum, scratch->share.data(), first + 27 * static_cast<size_t>(j) + 3 * n + s);
+          }
+        }
+      }
+    }
+    for (int j = 0; j < batch.size; j++) {
+      for (int c = 0; c < (curved ? 4 : 1); c++) {
+        for (int s = 0; s < 3; s++) {
+          V sum = half.Of(product, 12 * j + 3 * c + s);
+          for (int e = 0; e < 9; e++) sum += half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s) * load[4 * e + c];
+          half.Put(sum, product, 12 * j + 3 * c + s);
+        }
+      }
+    }
+  }
+}
+
 template <typename V>
 MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse, const BatchScratch& scratch,
                               Vec3* force) {
@@ -327,6 +389,20 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
   }
 }
 
+// Adds V_q E_qjᵀ H_q E_qk to a block of H.
+template <typename V>
+MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const BatchScratch& scratch, V* block) {
+  const size_t first = static_cast<size_t>(q) * half.batch.size;
+  for (int n = 0; n < 9; n++) {
+    V share[3];
+    for (int s = 0; s < 3; s++) share[s] = half.Of(scratch.share.data(), 27 * (first + k) + 3 * n + s);
+    for (int r = 0; r < 3; r++) {
+      const V slope = half.Of(half.batch.slope.data(), 27 * (first + j) + 3 * n + r);
+      for (int s = 0; s < 3; s++) block[3 * r + s] += slope * share[s];
+    }
+  }
+}
+
 // (2 − θ) R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
 template <typename V>
 MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& theta, const BatchScratch& scratch,
@@ -353,6 +429,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& thet
                              (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
         }
       }
+      for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
       Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
@@ -387,6 +464,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
     }
     Constrain(half, gradient, theta, S, scratch, inverse);
     Multiply(half, scratch);
+    if (batch.cells) AddCells(half, stiffness != nullptr, scratch);
     AddForce(half, R, inverse, *scratch, force);
     if (!stiffness) continue;
     Correct(half, inverse, scratch);

@@ -39,7 +39,11 @@ constexpr const char* kAttributes[] = {
     "quadrature_volume",  // [m³]
     "quadrature_material",
     "quadrature_gradient",  // ∇W_j, point by point [1/m]
-    "region_mass",          // consistent minus lumped mass, lower triangles [kg]
+    "cell_count",           // of each region
+    "cell_volume",          // [m³]
+    "cell_material",
+    "cell_slope",   // E_q, cell by cell [1/m]
+    "region_mass",  // consistent minus lumped mass, lower triangles [kg]
     "region_enlargement",
     "contact_radius",  // [m]
     "patch_size",
@@ -154,7 +158,33 @@ void AddFallback(const FrameGradients& frames, const std::vector<Vec3>& fallback
   }
 }
 
-// Law `corotational`.
+// The cells of a hyperelastic law, added to the regions.
+void ReadCells(Law law, std::vector<Region>* regions, Reader* reader) {
+  constexpr char kMismatch[] = "its cell arrays do not match each other";
+  const auto constants = reader->Array<double>("law_constants");
+  const auto count = reader->Array<int32_t>("cell_count");
+  const auto volume = reader->Array<double>("cell_volume");
+  const auto material = reader->Array<int32_t>("cell_material");
+  const auto slope = reader->Array<double>("cell_slope");
+  if (!reader->Check(count.size() == regions->size() && material.size() == volume.size(), kMismatch)) return;
+  size_t first = 0, s = 0;
+  for (size_t e = 0; e < count.size(); e++) {
+    Region& region = (*regions)[e];
+    const size_t length = 27 * static_cast<size_t>(region.size());
+    region.law = law;
+    for (int q = 0; q < count[e]; q++, first++, s += length) {
+      if (!reader->Check(first < volume.size() && s + length <= slope.size(), kMismatch)) return;
+      const size_t at = kLawConstants * static_cast<size_t>(std::max(material[first], 0));
+      if (!reader->Check(material[first] >= 0 && at + kLawConstants <= constants.size(), "a cell has no material")) {
+        return;
+      }
+      region.cells.push_back(
+          {volume[first], ParametersOf(law, constants.data() + at), {slope.begin() + s, slope.begin() + s + length}});
+    }
+  }
+}
+
+// Of one frame each, or of the law `corotational`.
 std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const std::vector<ControlPoint>& points,
                                 Reader* reader) {
   const auto gradient = reader->Array<double>("region_gradient");
@@ -178,6 +208,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
       return {};
     }
     Region region;
+    region.law = {};
     region.number = static_cast<int>(regions.size());
     region.point = coupling.point;
     region.pair = coupling.pair;
@@ -201,7 +232,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
   return regions;
 }
 
-// The other laws.
+// The other laws, at quadrature points.
 std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& couplings, Law law, Reader* reader) {
   const auto constants = reader->Array<double>("law_constants");
   const auto count = reader->Array<int32_t>("quadrature_count");
@@ -403,8 +434,10 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   if (reader.ok()) body->kinematics_.Create(m, instance, &reader);
   std::vector<Coupling> couplings;
   if (reader.ok()) couplings = ReadCouplings(&body->kinematics_, &body->mass_difference_, &reader);
-  if (reader.ok() && law) body->quadrature_ = ReadQuadrature(couplings, *law, &reader);
-  if (reader.ok() && !law) body->regions_ = ReadRegions(couplings, body->kinematics_.points(), &reader);
+  const bool at_points = law && !reader.Has("cell_count");
+  if (reader.ok() && at_points) body->quadrature_ = ReadQuadrature(couplings, *law, &reader);
+  if (reader.ok() && !at_points) body->regions_ = ReadRegions(couplings, body->kinematics_.points(), &reader);
+  if (reader.ok() && law && !at_points) ReadCells(*law, &body->regions_, &reader);
   if (reader.ok()) body->AssignMass();
   if (reader.ok()) body->kinematics_.Finish(m, &reader);
   reader.Check(!(m->opt.enableflags & mjENBL_SLEEP) || !body->kinematics_.MissesWaking(m),
@@ -450,12 +483,10 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   body->moved_.resize(body->force_.size());
   body->stiffness_.resize(9 * pairs);
   body->added_mass_.resize(pairs);
-  int largest = 0;
   for (const Region& region : body->regions_) {
-    largest = std::max(largest, region.size());
     if (region.enlargement != 1) body->held_.resize(9 * pairs);
   }
-  if (law && reader.Has("region_enlargement")) {
+  if (at_points && reader.Has("region_enlargement")) {
     for (const double value : reader.Array<double>("region_enlargement")) {
       body->enlargement_ = std::max(body->enlargement_, value);
     }
@@ -463,7 +494,7 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   }
   body->quadrature_scratch_ = std::make_unique<QuadratureScratch>(body->quadrature_);
   body->batches_ = BatchesOf(body->regions_);
-  body->batch_scratch_ = std::make_unique<BatchScratch>(largest);
+  body->batch_scratch_ = std::make_unique<BatchScratch>(body->batches_);
   if (body->last_) body->contact_scratch_ = std::make_unique<ContactScratch>(m);
   return body;
 }

@@ -64,7 +64,7 @@ class SoftBody {
   const Lattice& lattice() const { return lattice_; }
   const Hulls& hulls() const { return hulls_; }
   const std::vector<Features>& features() const { return features_; }
-  // The region of this number in the configuration, which has to be there; of the corotational law.
+  // The region of this number in the configuration, which has to be there; not of a law at quadrature points.
   const Region& FindRegion(int number) const;
 
  private:
@@ -84,9 +84,9 @@ class SoftBody {
   double alpha_ = 0, beta_ = 0;            // Rayleigh damping [1/s], [s]
   double contact_radius_ = 0;              // [m]
   Kinematics kinematics_;
-  std::vector<Region> regions_;               // of the law `corotational`
+  std::vector<Region> regions_;               // of the law `corotational`, or with cells
   std::vector<RegionBatch> batches_;          // the same, side by side
-  std::vector<QuadratureRegion> quadrature_;  // of another law
+  std::vector<QuadratureRegion> quadrature_;  // of another law at quadrature points
   double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
   std::vector<Patch> patches_;
   bool has_volume_ = false;

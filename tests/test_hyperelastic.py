@@ -26,33 +26,40 @@ from mjframes.body import SoftBody
 from mjframes.laws import LAWS
 from mjframes.view import soft
 
+METHODS = ("whole_body", "paper")
+
 
 @cache
-def body(law: str) -> SoftBody:
+def body(law: str, method: str) -> SoftBody:
     types = ("affine", "quadratic", "rigid", "affine")
-    return mf.build(mixed(), 4, 6, law=law, frame_type=types, damping=(0.3, 0.001))
+    samples = 6 if method == "paper" else None
+    return mf.build(mixed(), 4, samples, method=method, law=law, frame_type=types, damping=(0.3, 0.001))
 
 
 @cache
-def bar(law: str, mode: str = "implicit") -> SoftBody:
+def bar(law: str, method: str) -> SoftBody:
     labels = np.ones((24, 6, 6), int)
     material = mf.Material(young=1e5, poisson=0.4, density=1000)
-    return mf.build(mf.Volume.from_labels(labels, 0.01, {1: material}), 3, 4, law=law, mode=mode)
+    samples = 4 if method == "paper" else None
+    return mf.build(mf.Volume.from_labels(labels, 0.01, {1: material}), 3, samples, method=method, law=law)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("law", LAWS)
-def test_force_and_inertia_are_those_of_the_implicit_step(law: str) -> None:
-    check_implicit_step(*in_space(body(law)), np.random.default_rng(0), angle=0.5, rtol=1e-9)
+def test_force_and_inertia_are_those_of_the_implicit_step(law: str, method: str) -> None:
+    check_implicit_step(*in_space(body(law, method)), np.random.default_rng(0), angle=0.5, rtol=1e-9)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("law", LAWS)
-def test_force_is_the_slope_of_the_energy(law: str) -> None:
-    check_slope_of_energy(*in_space(body(law)), np.random.default_rng(1), angle=0.5, states=1)
+def test_force_is_the_slope_of_the_energy(law: str, method: str) -> None:
+    check_slope_of_energy(*in_space(body(law, method)), np.random.default_rng(2), angle=0.5, states=1)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("law", LAWS)
-def test_rest_and_rotations_are_free_of_force(law: str) -> None:
-    model, data = in_space(bar(law))
+def test_rest_and_rotations_are_free_of_force(law: str, method: str) -> None:
+    model, data = in_space(bar(law, method))
     view = soft(model, data, "soft0")
     mujoco.mj_forward(model, data)
     firmness = np.abs(implicit_step(model, data)[1]).max() / model.opt.timestep**2
@@ -63,10 +70,11 @@ def test_rest_and_rotations_are_free_of_force(law: str) -> None:
     assert np.abs(data.qfrc_passive).max() < 1e-10 * firmness * np.ptp(view.rest)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("h", [1 / 60, 1 / 1000])
 @pytest.mark.parametrize("law", LAWS)
-def test_scrambled_and_mirrored_it_returns(law: str, h: float) -> None:
-    model, data = in_space(bar(law))
+def test_scrambled_and_mirrored_it_returns(law: str, h: float, method: str) -> None:
+    model, data = in_space(bar(law, method))
     model.opt.timestep = h
     view = soft(model, data, "soft0")
     mujoco.mj_forward(model, data)
@@ -86,11 +94,12 @@ def test_scrambled_and_mirrored_it_returns(law: str, h: float) -> None:
         assert np.abs(gaps - rest).max() < 0.02 * size
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("law", LAWS)
-def test_small_strains_are_hookes(law: str) -> None:
+def test_small_strains_are_hookes(law: str, method: str) -> None:
     energies = {}
     for name in (law, "corotational"):
-        made = mf.build(beam_volume(), 3, 4, method="paper", law=name)
+        made = mf.build(beam_volume(), 3, 4 if method == "paper" else None, method=method, law=name)
         model, data = in_space(made)
         view = soft(model, data, "soft0")
         mujoco.mj_kinematics(model, data)
@@ -108,9 +117,9 @@ def beam_volume() -> mf.Volume:
 
 
 def test_constants_can_be_set_by_label() -> None:
-    plain = mf.build(beam_volume(), 3, 4, law="mooney_rivlin")
+    plain = mf.build(beam_volume(), 3, law="mooney_rivlin")
     mu = plain.law_constants[0, :2].sum() * 2
-    chosen = mf.build(beam_volume(), 3, 4, law="mooney_rivlin", law_constants={1: {"c10": 0.4 * mu}})
+    chosen = mf.build(beam_volume(), 3, law="mooney_rivlin", law_constants={1: {"c10": 0.4 * mu}})
     np.testing.assert_allclose(chosen.law_constants[0, :2], [0.4 * mu, 0.1 * mu])
     np.testing.assert_array_equal(chosen.law_constants[1:], plain.law_constants[1:])
 
@@ -122,15 +131,17 @@ def test_constants_can_be_set_by_label() -> None:
         ({"law": "neo_hookean", "law_constants": {9: {"mu": 1e4}}}, r"label 9; the labels are \[1, 2, 3\]"),
         ({"law": "neo_hookean", "law_constants": {1: {"c10": 1e4}}}, "no constant 'c10'"),
         ({"law": "neo_hookean", "frame_type": "point"}, "'point' frames, which cannot turn"),
+        ({"law": "neo_hookean", "samples": 4}, "samples is 4, but the whole body's stiffness has one region a frame"),
     ],
 )
 def test_wrong_laws_are_refused(choices: dict, words: str) -> None:
     with pytest.raises(mf.MjframesError, match=words):
-        mf.build(beam_volume(), 3, 4, **choices)
+        mf.build(beam_volume(), 3, **choices)
 
 
-def test_saved_and_loaded_it_is_the_same(tmp_path) -> None:
-    made = bar("arruda_boyce")
+@pytest.mark.parametrize("method", METHODS)
+def test_saved_and_loaded_it_is_the_same(tmp_path, method: str) -> None:
+    made = bar("arruda_boyce", method)
     made.save(str(tmp_path / "bar.npz"))
     states = []
     for some in (made, mf.SoftBody.load(str(tmp_path / "bar.npz"))):

@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 import pytest
 from scenes import beam, lump
+from test_hyperelastic import bar
 from test_material_points import block
 from test_mjcf import DAMAGED, edited
 
@@ -106,6 +107,8 @@ def crowded(path: Path) -> Path:
     add_sensor(spec, beam(), "beam", "elastic_energy")
     add_sensor(spec, beam(), "beam", "stress", [[0.05, 0.02, 0.02], [0.2, 0.02, 0.02]])
     attach(spec.worldbody, turning, "block", (0.2, -0.3, 0.0))
+    attach(spec.worldbody, bar("arruda_boyce", "whole_body"), "bar", (0.5, -0.3, 0.0))
+    add_sensor(spec, bar("arruda_boyce", "whole_body"), "bar", "elastic_energy")
     add_sensor(spec, turning, "block", "strain", [[0.06, 0.02, 0.02]])
     attach(spec.worldbody, beam(beta=0.001), "upper", (0.21, 0.11, 0.039))
     spec.compile()

@@ -21,7 +21,7 @@ LENGTH = SHAPE[0] * SPACING  # [m]
 VOLUME = SHAPE[0] * SHAPE[1] * SHAPE[2] * SPACING**3  # [m³]
 CENTRES = (np.argwhere(np.ones(SHAPE)) + 0.5) * SPACING  # (n, 3) of the voxels [m]
 DENSITY, POISSON = 1000.0, 0.4  # [kg/m³], [-]
-FRAMES, REGIONS = 3, 4
+FRAMES = 3
 RATIO = 1e9  # [-] of the stiffness of the bar's halves, where they differ
 FREE_BEAM = 22.4  # [-] (4.73)², of the lowest vibration of a bar with free ends: ω = 22.4 √(E I / ρ A) / L²
 
@@ -119,5 +119,4 @@ def body(kind: Kind, young: float) -> SoftBody:
         labels[SHAPE[0] // 2 :] = 2
         materials[2] = Material(RATIO * young, POISSON, DENSITY)
     volume = Volume.from_labels(labels, SPACING, materials)
-    samples = None if kind.law == COROTATIONAL else REGIONS
-    return build(volume, FRAMES, samples, frame_type=kind.frames, law=kind.law)
+    return build(volume, FRAMES, frame_type=kind.frames, law=kind.law)

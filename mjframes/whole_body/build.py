@@ -1,6 +1,7 @@
 """The stages of the whole body's stiffness, in order.
 
 mesh and solver → superelement → covariance selection → regions → control weights that follow the body → modes → error
+→ cells, for hyperelastic laws
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from mjframes.finite_elements.batch import Progress, averages
 from mjframes.finite_elements.displacements import displacements
 from mjframes.finite_elements.solver import BodySolver, body_solver
 from mjframes.grid import Grid
+from mjframes.laws import LawParameters
 from mjframes.regions import frame_sets
 from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness
 from mjframes.whole_body.blocks import blocks_of
+from mjframes.whole_body.cells import Cells, cells
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
@@ -47,6 +50,7 @@ class WholeBody:
     """stiffness: of the regions.  region: (n,) of each voxel.  shapes: weights that follow the body.
     lifting: what the body moves beyond them.  error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
+    cells: where a hyperelastic law is evaluated, None for the corotational one.
     """
 
     stiffness: Stiffness
@@ -55,6 +59,7 @@ class WholeBody:
     lifting: Lifting
     error: BodyError
     where: Array
+    cells: Cells | None
 
 
 def finite_elements(
@@ -75,11 +80,13 @@ def whole_body(
     shapes: ShapeFunctions,
     types: Sequence[str],
     links: Sequence[str],
+    laws: Sequence[LawParameters],
     progress: Callable[[str], None],
 ) -> WholeBody:
     """Return what finite elements on the voxels make of frames with the weights `shapes`.
 
-    types: (f,) of the frames.  links: the bodies that hold the first ones.  progress: called with what is being done.
+    types: (f,) of the frames.  links: the bodies that hold the first ones.  laws: of each material of the grid's table,
+    none for the corotational law.  progress: called with what is being done.
     """
     held, control, k = len(links), shapes.control, len(shapes.control.frame)
     progress("condensing the whole body")
@@ -106,7 +113,11 @@ def whole_body(
     found = displaced(lifted, stiffness, region, x)
     found += (functions @ x.reshape(k, -1)).reshape(found.shape)
     error, where = measured(grid, finite.cases, finite.exact, found)
-    return WholeBody(stiffness, region, following, lifted, error, where)
+    some = None
+    if laws:
+        progress("placing the cells")
+        some = cells(grid, shapes.control, types, held, element, stiffness, region, blocks, laws, len(bones))
+    return WholeBody(stiffness, region, following, lifted, error, where, some)
 
 
 def _counted(stage: str, progress: Callable[[str], None]) -> Progress:
