@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from functools import cache
 
 import mujoco
@@ -158,15 +157,14 @@ def implicit_step(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarra
 
 def bias_of_mass(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:
     """Jᵀ D dJ/dt qvel (nv,) of the mass that MuJoCo does not know of, from MuJoCo's own accelerations at qacc = 0."""
-    still, gravity = copy.copy(data), model.opt.gravity.copy()
-    model.opt.gravity[:] = 0
-    still.qacc[:], still.qfrc_applied[:], still.xfrc_applied[:] = 0, 0, 0
-    mujoco.mj_rnePostConstraint(model, still)
-    model.opt.gravity[:] = gravity
+    moving, gravity = data.qacc.copy(), model.opt.gravity.copy()
+    model.opt.gravity[:], data.qacc[:] = 0, 0
+    mujoco.mj_rnePostConstraint(model, data)
+    model.opt.gravity[:], data.qacc[:] = gravity, moving
     acceleration, spatial, velocity = np.zeros((len(view.bodies), 3)), np.zeros(6), np.zeros(6)
     for j, (body, x) in enumerate(zip(view.bodies, view.control_positions, strict=True)):
-        mujoco.mj_objectAcceleration(model, still, mujoco.mjtObj.mjOBJ_XBODY, int(body), spatial, 0)
-        mujoco.mj_objectVelocity(model, still, mujoco.mjtObj.mjOBJ_XBODY, int(body), velocity, 0)
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_XBODY, int(body), spatial, 0)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, int(body), velocity, 0)
         arm, spin = x - data.xpos[body], velocity[:3]
         acceleration[j] = spatial[3:] + np.cross(spatial[:3], arm) + np.cross(spin, np.cross(spin, arm))
     force = np.zeros_like(acceleration)

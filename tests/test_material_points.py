@@ -67,10 +67,12 @@ def test_a_turn_is_no_strain(law: str) -> None:
 
 
 def test_material_points_are_those_of_the_skin() -> None:
-    model, data = in_space(lump())
+    """By the paper's method; else the skin goes without the modes that points have."""
+    made = lump(method="paper")
+    model, data = in_space(made)
     view = mf.soft(model, data, "soft0")
     distort(model, data, np.random.default_rng(0), speed=1.0)
-    skin = lump().skin
+    skin = made.skin
     size = np.ptp(skin.vertices, axis=0).max()
     np.testing.assert_allclose(view.positions(skin.vertices), skin.weights @ view.control_positions, atol=1e-5 * size)
 
@@ -127,7 +129,8 @@ def test_densities_sum_up_to_the_elastic_energy(frame_type: str) -> None:
 @pytest.mark.parametrize("frame_type", ["affine", "quadratic", "point"])
 def test_deformation_gradients_are_slopes_of_positions(frame_type: str) -> None:
     volume = mf.Volume.from_labels(np.ones((12, 4, 4), int), 0.01, {1: MATERIAL})
-    body = mf.build(volume, at=[(0.015, 0.02, 0.02), (0.105, 0.02, 0.02)], frame_type=frame_type, weights="linear")
+    ends = [(0.015, 0.02, 0.02), (0.105, 0.02, 0.02)]
+    body = mf.build(volume, at=ends, frame_type=frame_type, weights="linear", method="paper")
     rng, step, rest = np.random.default_rng(5), 1e-5, body.control.rest
     x = distorted(rest, rng)
 
@@ -138,8 +141,31 @@ def test_deformation_gradients_are_slopes_of_positions(frame_type: str) -> None:
     points = rng.uniform((0.03, 0, 0), (0.09, 0.04, 0.04), (50, 3))  # between the kinks of the hats
     slope = np.stack([(positions(points + step * e) - positions(points - step * e)) / (2 * step)
                       for e in np.eye(3)], axis=2)  # fmt: skip
-    F = material_points(body, rest, points).deformation_gradients(x)
+    at = material_points(body, rest, points)
+    F = at.deformation_gradients(mf.soft(*in_space(body), "soft0").regions, x)
     np.testing.assert_allclose(F, slope, atol=1e-8 * np.abs(F).max())
+
+
+def test_lifted_deformation_gradients_are_differences_of_positions() -> None:
+    """Of neighbouring voxels, those of the same material and frames: two layers, ten to one, sheared and bent."""
+    labels = np.ones((24, 6, 6), int)
+    labels[:, 3:] = 2
+    held = np.zeros(labels.shape, bool)
+    held[0] = True
+    materials = {1: MATERIAL, 2: mf.Material(young=1e6, poisson=0.3, density=1000)}
+    volume = mf.Volume.from_labels(labels, 0.01, materials)
+    body = mf.build(volume, 3, fixed=[mf.Fixed(held)])
+    model, data = in_space(body)
+    data.xfrc_applied[1:, 2] = -1.0
+    mujoco.mj_step(model, data, 200)
+    mujoco.mj_forward(model, data)
+    view, step = mf.soft(model, data, "soft0"), 0.01 * np.eye(3)
+    points = centers(body)[(np.abs(centers(body) - [0.12, 0.03, 0.045]) < [0.1, 0.015, 0.01]).all(axis=1)]
+    slope = np.stack([(view.positions(points + e) - view.positions(points - e)) / 0.02 for e in step], axis=2)
+    F = view.deformation_gradients(points)
+    strain = np.abs(F - np.eye(3)).max()
+    assert strain > 0.01
+    assert np.median(np.abs(F - slope).max(axis=(1, 2))) < 0.02 * strain
 
 
 @pytest.mark.parametrize("case", ["all types", "all types, two links of one branch", "mocap body and a link"])
