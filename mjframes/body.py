@@ -198,6 +198,8 @@ def build(
         raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
     if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
         raise MjframesError("more than one of frames, at and error is given; give one of them.")
+    if frames is None and at is None and error is None:
+        raise MjframesError("none of frames, at and error is given; give a number of frames, as frames=5.")
     metric = metric or METHODS[method]
     if method == PAPER:
         samples = SAMPLES if samples is None else samples
