@@ -47,7 +47,7 @@ class Fields:
         return np.array([grid.centers[seeds].mean(axis=0) for seeds in self.seeds])
 
     def sample_centers(self, grid: Grid) -> NDArray[np.float64]:
-        """(r, 3) centroids of the regions that have voxels, the paper's integration points, in volume coordinates [m]."""
+        """(r, 3) centroids of the regions that have voxels, the paper's integration points, as the volume lies [m]."""
         size = np.bincount(self.region)
         sums = np.stack([np.bincount(self.region, grid.centers[:, a]) for a in range(3)], axis=1)
         return sums[size > 0] / size[size > 0, None]
@@ -109,7 +109,7 @@ def unpack_fields(
     if "lifting_mode" in arrays:
         count = arrays["lifting_count"]
         parts = np.split(arrays["lifting_share"], np.cumsum(3 * count * sizes)[:-1])
-        share = tuple(part.reshape(q, -1) for part, q in zip(parts, count.tolist(), strict=True))
+        share = tuple(part.reshape(q, 3 * m) for part, q, m in zip(parts, count.tolist(), sizes.tolist(), strict=True))
         lifting = Lifting(arrays["lifting_mode"].astype(np.float32), share)
     return Fields(
         volume=Volume(arrays["labels"], arrays["spacing"], arrays["origin"], arrays["axes"], dict(materials)),

@@ -59,11 +59,14 @@ def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], hel
     """Return the frames that have a rigid piece to themselves, but for the first `held` and those that cannot strain.
 
     The whole body lets such a frame move as a rigid one: its strain would be that of the little flesh that it has
-    besides, many times larger than the frame's, and other frames would follow that wherever the bone turns.
+    besides, many times larger than the frame's, and other frames would follow that wherever the bone turns. A body of
+    one frame has nothing else to strain.
     """
     rigid = np.array([material.is_rigid for material in grid.table])[grid.material]
     inside = sparse.csr_array(weights[rigid]).tocsc()
-    own = {i for i in range(held, len(types)) if inside[:, [i]].max() > OWN} if rigid.any() else set()
+    own = (
+        {i for i in range(held, len(types)) if inside[:, [i]].max() > OWN} if rigid.any() and len(types) > 1 else set()
+    )
     return sorted(i for i in own if types[i] not in ("point", "rigid"))
 
 
