@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from mjframes.cache import cached
 from mjframes.report.bodies import Body, all_bodies
-from mjframes.report.bricks import Bricks, at_centers, bricks, nodal_load
+from mjframes.report.bricks import Bricks, at_centers, bricks, linear_stiffness, nodal_load, nodal_mass
 from mjframes.report.cases import SMALL
 from mjframes.report.incompatible import consistent_mass, incompatible_stiffness
 from mjframes.report.reference import linear_solutions
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 MODES = 5
 TOLERANCE = 1e-6  # [-] of the residual, for errors of a percent
+MOST_NODES = 22_000  # [nodes] that are factorized: 1 GB
 SHIFT = 1e-10  # [-] of the stiffness a mass, added so that a free body's rigid motions have a frequency
 
 
@@ -71,31 +72,48 @@ def _named(name: str) -> Exact:
 
 
 def _solve(body: Body, loads: Array) -> dict[str, Array]:
-    mesh, low, voxels = (bricks(body.grid, body.held, *level) for level in ((2, 1), (1, 2), (1, 1)))
-    moved = np.array(
-        [body.apart(at_centers(mesh, u)) for u in linear_solutions(mesh, low, loads, TOLERANCE)]
-    )
-    coarse, frequencies = _on_voxels(body, voxels, loads)
+    mesh, voxels = (bricks(body.grid, body.held, order, 1) for order in (2, 1))
+    density, cell = body.grid.density, body.grid.cell_volume
+    if len(mesh.nodes) > MOST_NODES:
+        low = bricks(body.grid, body.held, 1, 2)
+        moved = np.array([at_centers(mesh, u) for u in linear_solutions(mesh, low, loads, TOLERANCE)])
+    else:
+        mass = sparse.diags_array(np.repeat(nodal_mass(mesh, density * cell), 3), format="csr")
+        moved = Factors(body, mesh, linear_stiffness(mesh), mass).solved(loads)
+    factors = Factors(body, voxels, incompatible_stiffness(voxels), consistent_mass(voxels, density))
     scale = SMALL * body.length / np.abs(moved).max(axis=(1, 2), keepdims=True)
-    return {"loads": scale * loads, "moved": scale * moved, "coarse": scale * coarse, "frequencies": frequencies}
+    found = {"loads": loads, "moved": moved, "coarse": factors.solved(loads)}
+    return {name: scale * fields for name, fields in found.items()} | {"frequencies": factors.frequencies()}
 
 
-def _on_voxels(body: Body, mesh: Bricks, loads: Array) -> tuple[Array, Array]:
-    """By a direct solver; what carries a free body's rigid motions is so soft that it takes none of a balanced load."""
-    moving = mesh.moving
-    stiffness, mass = (
-        sparse.csc_array(matrix[moving][:, moving])
-        for matrix in (incompatible_stiffness(mesh), consistent_mass(mesh, body.grid.density))
-    )
-    softest = float(np.min(stiffness.diagonal() / mass.diagonal()))
-    shift = SHIFT * softest
-    shifted = sparse.csc_array(stiffness + shift * mass)
-    factors = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    found = np.zeros((len(loads), len(moving)))
-    for field, load in zip(found, loads, strict=True):
-        field[moving] = factors.solve(nodal_load(mesh, load).ravel()[moving])
-    inverse = sparse.linalg.LinearOperator(shifted.shape, factors.solve, dtype=np.float64)
-    rigid = 0 if body.fixed is not None else 6
-    squares = eigsh(stiffness, k=rigid + MODES, M=mass, sigma=-shift, OPinv=inverse, return_eigenvectors=False)
-    fields = np.array([body.apart(at_centers(mesh, field.reshape(-1, 3))) for field in found])
-    return fields, np.sqrt(np.sort(squares)[rigid:]) / (2 * np.pi)
+class Factors:
+    """A stiffness (3N, 3N), factorized; that of a free body with so little of its mass that loads do not feel it."""
+
+    def __init__(self, body: Body, mesh: Bricks, stiffness: sparse.csr_array, mass: sparse.csr_array) -> None:
+        moving = mesh.moving
+        self.body, self.mesh = body, mesh
+        self.stiffness, self.mass = (sparse.csc_array(some[moving][:, moving]) for some in (stiffness, mass))
+        softest = float(np.min(self.stiffness.diagonal() / self.mass.diagonal()))
+        self.shift = SHIFT * softest if body.fixed is None else 0.0
+        self.shifted = sparse.csc_array(self.stiffness + self.shift * self.mass)
+        self.factors = splu(
+            self.shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+
+    def solved(self, loads: Array) -> Array:
+        """Displacements (c, n, 3) [m] of the voxels under `loads` (c, n, 3) [N]."""
+        moving, found = self.mesh.moving, np.empty_like(loads)
+        for field, load in zip(found, loads, strict=True):
+            nodes = np.zeros(len(moving))
+            nodes[moving] = self.factors.solve(nodal_load(self.mesh, load).ravel()[moving])
+            field[:] = self.body.apart(at_centers(self.mesh, nodes.reshape(-1, 3)))
+        return found
+
+    def frequencies(self) -> Array:
+        """(MODES,) [Hz] the lowest, without rigid motions."""
+        rigid = 6 if self.body.fixed is None else 0
+        inverse = LinearOperator(self.shifted.shape, self.factors.solve, dtype=np.float64)
+        squares = eigsh(
+            self.stiffness, k=rigid + MODES, M=self.mass, sigma=-self.shift, OPinv=inverse, return_eigenvectors=False
+        )
+        return np.sqrt(np.sort(squares)[rigid:]) / (2 * np.pi)
