@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import eigsh, splu
 
 from mjframes.cache import cached
 from mjframes.report.bodies import Body, all_bodies
-from mjframes.report.bricks import Bricks, at_centers, bricks, linear_stiffness, nodal_load, nodal_mass
+from mjframes.report.bricks import Bricks, at_centers, bricks, linear_stiffness, nodal_load
 from mjframes.report.cases import SMALL
 from mjframes.report.incompatible import consistent_mass, incompatible_stiffness
 from mjframes.report.reference import linear_solutions
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 MODES = 5
 TOLERANCE = 1e-6  # [-] of the residual, for errors of a percent
 MOST_NODES = 22_000  # [nodes] that are factorized: 1 GB
-SHIFT = 1e-10  # [-] of the stiffness a mass, added so that a free body's rigid motions have a frequency
+SHIFT = 1e-10  # [-] that the diagonal of a free body's stiffness is larger, which balanced loads do not feel
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,47 +73,39 @@ def _named(name: str) -> Exact:
 
 def _solve(body: Body, loads: Array) -> dict[str, Array]:
     mesh, voxels = (bricks(body.grid, body.held, order, 1) for order in (2, 1))
-    density, cell = body.grid.density, body.grid.cell_volume
     if len(mesh.nodes) > MOST_NODES:
         low = bricks(body.grid, body.held, 1, 2)
         moved = np.array([at_centers(mesh, u) for u in linear_solutions(mesh, low, loads, TOLERANCE)])
     else:
-        mass = sparse.diags_array(np.repeat(nodal_mass(mesh, density * cell), 3), format="csr")
-        moved = Factors(body, mesh, linear_stiffness(mesh), mass).solved(loads)
-    factors = Factors(body, voxels, incompatible_stiffness(voxels), consistent_mass(voxels, density))
+        moved = _direct(body, mesh, linear_stiffness(mesh), loads)
+    stiffness = incompatible_stiffness(voxels)
     scale = SMALL * body.length / np.abs(moved).max(axis=(1, 2), keepdims=True)
-    found = {"loads": loads, "moved": moved, "coarse": factors.solved(loads)}
-    return {name: scale * fields for name, fields in found.items()} | {"frequencies": factors.frequencies()}
+    found = {"loads": loads, "moved": moved, "coarse": _direct(body, voxels, stiffness, loads)}
+    frequencies = _frequencies(body, voxels, stiffness)
+    return {name: scale * fields for name, fields in found.items()} | {"frequencies": frequencies}
 
 
-class Factors:
-    """A stiffness (3N, 3N), factorized; that of a free body with so little of its mass that loads do not feel it."""
+def _direct(body: Body, mesh: Bricks, stiffness: sparse.csr_array, loads: Array) -> Array:
+    """Displacements (c, n, 3) [m] of the voxels under `loads` (c, n, 3) [N], by a factorization."""
+    moving = mesh.moving
+    matrix = sparse.csc_array(stiffness[moving][:, moving])
+    if body.fixed is None:
+        matrix.setdiag((1 + SHIFT) * matrix.diagonal())
+    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    found = np.empty_like(loads)
+    for field, load in zip(found, loads, strict=True):
+        nodes = np.zeros(len(moving))
+        nodes[moving] = factors.solve(nodal_load(mesh, load).ravel()[moving])
+        field[:] = body.apart(at_centers(mesh, nodes.reshape(-1, 3)))
+    return found
 
-    def __init__(self, body: Body, mesh: Bricks, stiffness: sparse.csr_array, mass: sparse.csr_array) -> None:
-        moving = mesh.moving
-        self.body, self.mesh = body, mesh
-        self.stiffness, self.mass = (sparse.csc_array(some[moving][:, moving]) for some in (stiffness, mass))
-        softest = float(np.min(self.stiffness.diagonal() / self.mass.diagonal()))
-        self.shift = SHIFT * softest if body.fixed is None else 0.0
-        self.shifted = sparse.csc_array(self.stiffness + self.shift * self.mass)
-        self.factors = splu(
-            self.shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
 
-    def solved(self, loads: Array) -> Array:
-        """Displacements (c, n, 3) [m] of the voxels under `loads` (c, n, 3) [N]."""
-        moving, found = self.mesh.moving, np.empty_like(loads)
-        for field, load in zip(found, loads, strict=True):
-            nodes = np.zeros(len(moving))
-            nodes[moving] = self.factors.solve(nodal_load(self.mesh, load).ravel()[moving])
-            field[:] = self.body.apart(at_centers(self.mesh, nodes.reshape(-1, 3)))
-        return found
-
-    def frequencies(self) -> Array:
-        """(MODES,) [Hz] the lowest, without rigid motions."""
-        rigid = 6 if self.body.fixed is None else 0
-        inverse = LinearOperator(self.shifted.shape, self.factors.solve, dtype=np.float64)
-        squares = eigsh(
-            self.stiffness, k=rigid + MODES, M=self.mass, sigma=-self.shift, OPinv=inverse, return_eigenvectors=False
-        )
-        return np.sqrt(np.sort(squares)[rigid:]) / (2 * np.pi)
+def _frequencies(body: Body, mesh: Bricks, stiffness: sparse.csr_array) -> Array:
+    """(MODES,) [Hz] the lowest, without rigid motions."""
+    moving, rigid = mesh.moving, 6 if body.fixed is None else 0
+    matrix, mass = (
+        sparse.csc_array(some[moving][:, moving]) for some in (stiffness, consistent_mass(mesh, body.grid.density))
+    )
+    below = -1e-6 * float(np.min(matrix.diagonal() / mass.diagonal()))  # [1/s²] where K − σ M is regular
+    squares = eigsh(matrix, k=rigid + MODES, M=mass, sigma=below, return_eigenvectors=False)
+    return np.sqrt(np.sort(squares)[rigid:]) / (2 * np.pi)

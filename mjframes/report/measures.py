@@ -23,7 +23,7 @@ from mjframes.report.reference import Reference
 Array = NDArray[np.float64]
 
 STALLED = 0.9  # [-] of the error with fewer frames: what does not get below that has stopped converging
-SETTLED = 0.02  # [-] error below which that no longer matters: relaxation, voxels and the held face have their own
+SETTLED = 0.02  # [-] error below which that no longer matters: voxels and the held face have their own
 USEFUL = (0.05, 0.1, 0.2, 0.3)  # [-] errors at which speeds are compared: the first that frames reach
 SHOWN = {"mjframes": 0.15, "flex": 0.15}
 

@@ -80,6 +80,12 @@ class Verdict:
         return None
 
     @property
+    def mesh(self) -> float:
+        """The most that finite elements on the voxels are off by under the static loads [-]."""
+        static = [load.kind in STATIC for load in self.body.loads()]
+        return float(self.exact.mesh[static].max())
+
+    @property
     def growth(self) -> float:
         """The most that the static error is larger than with fewer frames [-]."""
         errors = [row.static for row in self.of(WHOLE_BODY)]
