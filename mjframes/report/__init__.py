@@ -69,7 +69,7 @@ def write_report(
             write_csv(folder / "report.csv", outcomes)
         progress("free vibration")
         found = vibrations(swing, bent, flex, quick)
-        first, _, exact = exact_vibration(swing, bent)
+        first, _, swinging = exact_vibration(swing, bent)
         version = f"MuJoCo {flex.version}" if flex else HOW
     progress("drawing")
     main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
@@ -84,7 +84,7 @@ def write_report(
     draw_survey(folder / "survey_build.png", verdicts, lambda row: row.build_seconds, "seconds to build")
     draw_convergence(folder / "convergence.png", outcomes)
     draw_shapes(folder / "shapes.png", outcomes)
-    draw_vibration(folder / "vibration.png", found, first, exact)
+    draw_vibration(folder / "vibration.png", found, first, swinging)
     command = shlex.join(["mjframes", *sys.argv[1:]])
 
     def publish(lines: list[Line]) -> None:

@@ -34,10 +34,9 @@ class Case:
 
     fixed: (nx, ny, nz) voxels that do not move.  load: (n, 3) direction and relative size of the force on each voxel.
     goal: (n, 3) the quantity of interest is Σ goal · u, a mean displacement.  places: f → (f, 3) where f free frames
-    go by hand [m], or None where a body has no centre line.  frames: numbers of free frames.  heterogeneous: several stiffnesses.
-    straight: whether those lie one after the other along an axis.
+    go by hand [m], or None where a body has no centre line.  frames: numbers of free frames.
+    heterogeneous: several stiffnesses.  straight: whether those lie one after the other along an axis.
     amplitude: displacement by length.  nonlinear: compared with geometrically nonlinear finite elements.
-    figure: of the paper, if it is from there.
     """
 
     name: str

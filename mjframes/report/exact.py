@@ -106,6 +106,7 @@ def _frequencies(body: Body, mesh: Bricks, stiffness: sparse.csr_array) -> Array
     matrix, mass = (
         sparse.csc_array(some[moving][:, moving]) for some in (stiffness, consistent_mass(mesh, body.grid.density))
     )
-    below = -1e-6 * float(np.min(matrix.diagonal() / mass.diagonal()))  # [1/s²] where K − σ M is regular
+    ratio = np.divide(matrix.diagonal(), mass.diagonal())
+    below = -1e-6 * float(ratio.min())  # [1/s²] where K − σ M is regular
     squares = eigsh(matrix, k=rigid + MODES, M=mass, sigma=below, return_eigenvectors=False)
     return np.sqrt(np.sort(squares)[rigid:]) / (2 * np.pi)

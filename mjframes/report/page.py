@@ -66,8 +66,8 @@ def _page(findings: Findings) -> Iterable[str]:
         "Newton's solver, without "
         "contact. Where stiffness varies its compiled `flex_stiffness` is replaced by that of the "
         "voxels (exact sums in cells, "
-        "means in tetrahedra), which MuJoCo itself does not offer. "By hand": frames on "
-        "the centre line with hats for weights; all others are placed by `build`."
+        "means in tetrahedra), which MuJoCo itself does not offer. What is named by hand "
+        "has frames on the centre line with hats for weights; all others are placed by `build`."
     )
     races = [race(outcome.case.name, outcome.rows) for outcome in findings.outcomes]
     if any(row.kind == "flex" for outcome in findings.outcomes for row in outcome.rows):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +46,11 @@ def survey_page(verdicts: Sequence[Verdict]) -> Iterable[str]:
     """Yield the lines."""
     yield from ("", "## Bodies nobody tuned, with the default settings", "")
     yield (
-        "Frames are where `build` places them, all settings are its defaults. Static: the worst of the own weight along "
-        "each axis and of forces on an end, in steps of `mj_step` to rest; pushes: the worst of two places; both in L2 "
-        "over all voxels, dents included, against bricks of order 2. Mesh: what finite elements on the voxels "
-        "themselves (Wilson's) are off by. Frequencies: the worst of the first five. Bounds are for the static error at "
-        f"{PROMISED_FRAMES} frames. Growth: the most by which more frames are worse than fewer."
+        "Frames are where `build` places them, all settings are its defaults. Static: the worst of the own weight "
+        "along each axis and of forces on an end, in steps of `mj_step` to rest; pushes: the worst of two places; both "
+        "in L2 over all voxels, dents included, against bricks of order 2. Mesh: what finite elements on the voxels "
+        "themselves (Wilson's) are off by. Frequencies: the worst of the first five. Bounds are for the static error "
+        f"at {PROMISED_FRAMES} frames. Growth: the most by which more frames are worse than fewer."
     )
     frames = sorted({row.frames for verdict in verdicts for row in verdict.rows})
     numbers = "/".join(map(str, frames))
@@ -101,7 +101,9 @@ def survey_page(verdicts: Sequence[Verdict]) -> Iterable[str]:
     yield from (f"- left out: {title}, {method}, {count} frames: {reason}" for title, method, count, reason in refused)
 
 
-def _row_of(verdict: Verdict, method: str, frames: Sequence[int], value, form: str = ".1f") -> str:
+def _row_of(
+    verdict: Verdict, method: str, frames: Sequence[int], value: Callable[[Judged], float], form: str = ".1f"
+) -> str:
     found = {row.frames: value(row) for row in verdict.of(method)}
     shown = (found.get(count, np.nan) for count in frames)
     return " / ".join("–" if np.isnan(number) else format(100 * number, form) for number in shown)
