@@ -218,7 +218,8 @@ def _table2(findings: Findings) -> Iterable[str]:
         return
     yield from ("", "## The paper's Table 2", "")
     yield (
-        "Here: steps of 2 ms with contact, and the same with each step drawn (0 where nothing can be "
+        "Here: the paper's method, with its samples; "
+        "steps of 2 ms with contact, and the same with each step drawn (0 where nothing can be "
         "drawn). The paper's "
         "frames a second include drawing and contact, on a PC of 2011."
     )
