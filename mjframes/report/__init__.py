@@ -18,12 +18,12 @@ from mjframes.bench import machine
 from mjframes.errors import MjframesError
 from mjframes.report.bodies import all_bodies
 from mjframes.report.cases import all_cases, bar
-from mjframes.report.exact import all_exact, exact
+from mjframes.report.exact import exact_solution, exact_solutions
 from mjframes.report.flex import FlexProcess
 from mjframes.report.measures import Outcome, compare
 from mjframes.report.page import Findings, write_csv, write_page
 from mjframes.report.reference import references, refined
-from mjframes.report.survey import survey
+from mjframes.report.survey import judge
 from mjframes.report.survey_page import write_survey_csv
 from mjframes.report.table2 import Line, measure
 from mjframes.report.vibration import exact_vibration, vibrations
@@ -51,10 +51,14 @@ def write_report(
     start = time.perf_counter()
     progress("finite elements")
     bodies = all_bodies(quick)
-    truth = {body.name: exact(body) for body in bodies} if quick else all_exact([b.name for b in bodies], progress)
+    truth = (
+        {body.name: exact_solution(body) for body in bodies}
+        if quick
+        else exact_solutions([b.name for b in bodies], progress)
+    )
     verdicts = []
     for body in bodies:
-        verdicts.append(survey(body, truth[body.name], quick, progress))
+        verdicts.append(judge(body, truth[body.name], quick, progress))
         write_survey_csv(folder / "survey.csv", verdicts)  # of so much work none is lost
     progress("finite elements")
     chosen = all_cases(quick)

@@ -49,14 +49,14 @@ class Exact:
         return np.linalg.norm(self.coarse - self.moved, axis=(1, 2)) / np.linalg.norm(self.moved, axis=(1, 2))
 
 
-def exact(body: Body) -> Exact:
+def exact_solution(body: Body) -> Exact:
     """Computed once, then kept."""
     loads = np.array([load.force for load in body.loads()])
     fixed = body.fixed is not None and body.fixed
     return Exact(**cached("exact", (body.volume, fixed, loads, TOLERANCE), lambda: _solve(body, loads)))
 
 
-def all_exact(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Exact]:
+def exact_solutions(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Exact]:
     """Those of bodies of the full report, by name, several at once."""
     workers = min(len(os.sched_getaffinity(0)), len(names))
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
@@ -68,7 +68,7 @@ def all_exact(names: Sequence[str], progress: Callable[[str], None]) -> dict[str
 
 
 def _named(name: str) -> Exact:
-    return exact(next(body for body in all_bodies(quick=False) if body.name == name))
+    return exact_solution(next(body for body in all_bodies(quick=False) if body.name == name))
 
 
 def _solve(body: Body, loads: Array) -> dict[str, Array]:

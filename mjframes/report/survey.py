@@ -92,7 +92,7 @@ class Verdict:
         return max((after / before for k, after in enumerate(errors) for before in errors[:k]), default=0.0)
 
 
-def survey(body: Body, known: Exact, quick: bool, progress: Callable[[str], None]) -> Verdict:
+def judge(body: Body, known: Exact, quick: bool, progress: Callable[[str], None]) -> Verdict:
     """Build the body with the defaults and by the paper's method, with each number of frames."""
     rows, refused, loads = [], [], body.loads()
     for method in (WHOLE_BODY, PAPER):
