@@ -117,7 +117,7 @@ def test_the_defaults_follow_a_sandwich_and_the_papers_method_does_not(layers: V
     assert defaults.static < 0.3
     assert abs(defaults.frequency) < 0.10
     assert papers.static > 0.9
-    assert layers.promised == (defaults.static, defaults.static <= 0.08)
+    assert layers.promised == (defaults.static, "weight along x", False)
     assert not layers.refused
 
 
@@ -132,17 +132,19 @@ def test_a_row_has_all_that_was_measured(layers: Verdict) -> None:
 
 def judged(frames: int, error: float, method: str = WHOLE_BODY) -> Judged:
     kinds = ("weight", "end", "push 1%", "push 5%", "push 20%")
-    return Judged("", method, frames, 12 * frames, dict.fromkeys(kinds, error), error, 0.0, (error, error), 1e-4, 1.0)
+    return Judged(
+        "", method, frames, 12 * frames, dict.fromkeys(kinds, error), "pull", error, 0.0, (error, error), 1e-4, 1.0
+    )
 
 
 def test_the_page_tells_what_does_not_hold(layers: Verdict) -> None:
     rows = [judged(3, 0.05), judged(5, 0.12), judged(3, 0.9, PAPER), judged(5, 0.8, PAPER)]
     bad = Verdict(layers.body, layers.exact, rows, [(PAPER, 20, "too many")])
     assert bad.growth == pytest.approx(2.4)
-    assert bad.promised == (0.12, False)
+    assert bad.promised == (0.12, "pull", False)
     page = "\n".join(survey_page([bad]))
     assert "| 5.0 / 12.0 | 90.0 / 80.0 |" in page
-    assert "12.0 %: **does not hold**" in page
+    assert "12.0 %, pull: **does not hold**" in page
     assert "2.40 **more**" in page
     assert "- left out: sandwich 1:100, paper, 20 frames: too many" in page
 

@@ -33,7 +33,7 @@ STATIC = ("weight", "end")  # kinds of loads that bounds are for
 class Judged:
     """One body, built in one way.
 
-    errors: [-] of each kind of load, of its worst.  same_mesh: the static ones against finite elements on the voxels.
+    errors: [-] of each kind of load, of its worst.  worst: name of the worst static load.  same_mesh: the static ones against finite elements on the voxels.
     frequency: the largest relative error of the first ones, signed.  estimate: `body.error`, (weight, pushes).
     """
 
@@ -42,6 +42,7 @@ class Judged:
     frames: int
     dofs: int
     errors: dict[str, float]
+    worst: str
     same_mesh: float
     frequency: float
     estimate: tuple[float, float]
@@ -71,12 +72,12 @@ class Verdict:
         return [row for row in self.rows if row.method == method]
 
     @property
-    def promised(self) -> tuple[float, bool] | None:
-        """The static error at PROMISED_FRAMES that the body's bound is for, and whether that holds."""
+    def promised(self) -> tuple[float, str, bool] | None:
+        """The static error at PROMISED_FRAMES that the body's bound is for, its load, and whether that holds."""
         for row in self.of(WHOLE_BODY):
             if row.frames == PROMISED_FRAMES:
                 error = row.same_mesh if self.body.same_mesh else row.static
-                return error, error <= self.body.bound
+                return error, row.worst, error <= self.body.bound
         return None
 
     @property
@@ -110,13 +111,14 @@ def _judged(body: Body, known: Exact, loads: Sequence[Load], setting: Setting) -
     made, seconds = timed_build(body.volume, setting.frames, setting.samples, method=setting.method, fixed=fixed)
     simulation = Simulation(made, body.grid)
     frequencies = simulation.frequencies(MODES, 6 if body.fixed is None else 0)
-    worst: dict[str, float] = {}
+    errors: dict[str, dict[str, float]] = {}  # by kind, by name
     same_mesh = 0.0
     for load, force, moved, coarse in zip(loads, known.loads, known.moved, known.coarse, strict=True):
         found = _at_rest(simulation, body, load, force)
-        worst[load.kind] = max(worst.get(load.kind, 0.0), _distance(found, moved))
+        errors.setdefault(load.kind, {})[load.name] = _distance(found, moved)
         if load.kind in STATIC:
             same_mesh = max(same_mesh, _distance(found, coarse))
+    static = {name: error for kind in STATIC for name, error in errors.get(kind, {}).items()}
     off = frequencies / known.frequencies - 1
     estimate = (np.nan, np.nan)
     if made.error:
@@ -126,7 +128,8 @@ def _judged(body: Body, known: Exact, loads: Sequence[Load], setting: Setting) -
         method=setting.method,
         frames=setting.frames,
         dofs=simulation.model.nv,
-        errors=worst,
+        errors={kind: max(some.values()) for kind, some in errors.items()},
+        worst=max(static, key=lambda name: static[name]),
         same_mesh=same_mesh,
         frequency=float(off[np.argmax(np.abs(off))]),
         estimate=estimate,

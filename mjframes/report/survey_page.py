@@ -112,5 +112,5 @@ def _row_of(
 def _promise(verdict: Verdict) -> str:
     if verdict.promised is None:
         return ""
-    error, holds = verdict.promised
-    return f"{100 * error:.1f} %: {'holds' if holds else '**does not hold**'}"
+    error, load, holds = verdict.promised
+    return f"{100 * error:.1f} %, {load}: {'holds' if holds else '**does not hold**'}"
