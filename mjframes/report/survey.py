@@ -33,8 +33,9 @@ STATIC = ("weight", "end")  # kinds of loads that bounds are for
 class Judged:
     """One body, built in one way.
 
-    errors: [-] of each kind of load, of its worst.  worst: name of the worst static load.  same_mesh: the static ones against finite elements on the voxels.
-    frequency: the largest relative error of the first ones, signed.  estimate: `body.error`, (weight, pushes).
+    errors: [-] of each kind of load, of its worst.  worst: name of the worst static load.  same_mesh: error of the
+    static ones against finite elements on the voxels.  frequency: the largest relative error of the first ones,
+    signed.  estimate: `body.error`, (weight, pushes).
     """
 
     body: str
