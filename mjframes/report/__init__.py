@@ -15,9 +15,11 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from mjframes.bench import machine
+from mjframes.body import METHODS
 from mjframes.errors import MjframesError
 from mjframes.report.bodies import all_bodies
 from mjframes.report.cases import all_cases, bar
+from mjframes.report.contenders import timed_build
 from mjframes.report.exact import exact_solution, exact_solutions
 from mjframes.report.flex import FlexProcess
 from mjframes.report.measures import Outcome, compare
@@ -56,6 +58,8 @@ def write_report(
         if quick
         else exact_solutions([b.name for b in bodies], progress)
     )
+    for method in METHODS:  # kernels are compiled or loaded where they are first used
+        timed_build(bodies[0].volume, 2, method=method)
     verdicts = []
     for body in bodies:
         verdicts.append(judge(body, truth[body.name], quick, progress))

@@ -71,17 +71,17 @@ def draw_survey(path: Path, verdicts: Sequence[Verdict], value: Callable[[Judged
     """Errors of the defaults, of the static loads and of pushes, and of the paper's method against a value of each."""
     from matplotlib.figure import Figure
 
-    curves: tuple[tuple[str, str, Callable[[Judged], float], str, str], ...] = (
-        ("defaults, weight and ends", WHOLE_BODY, lambda row: row.static, "tab:blue", "o"),
-        ("defaults, pushes on 5 %", WHOLE_BODY, lambda row: row.push("5%"), "tab:green", "s"),
-        ("the paper's method, weight and ends", PAPER, lambda row: row.static, "0.4", "x"),
+    curves: tuple[tuple[str, str, Callable[[Verdict, Judged], float], str, str], ...] = (
+        ("defaults, weight and ends", WHOLE_BODY, lambda verdict, row: verdict.bounded(row), "tab:blue", "o"),
+        ("defaults, pushes on 5 %", WHOLE_BODY, lambda _, row: row.push("5%"), "tab:green", "s"),
+        ("the paper's method, weight and ends", PAPER, lambda verdict, row: verdict.bounded(row), "0.4", "x"),
     )
     figure, panels = _panels(Figure, len(verdicts))
     seen: dict[str, object] = {}
     for axes, verdict in zip(panels, verdicts, strict=True):
         for name, method, error, color, marker in curves:
             rows = verdict.of(method)
-            across, up = [value(row) for row in rows], [100 * error(row) for row in rows]
+            across, up = [value(row) for row in rows], [100 * error(verdict, row) for row in rows]
             seen[name] = axes.plot(across, up, color=color, marker=marker, markersize=4, linewidth=1)[0]
         bound = 100 * verdict.body.bound
         seen["bound at 5 frames"] = axes.axhline(bound, color="tab:red", linewidth=0.8, linestyle=":")
@@ -89,7 +89,7 @@ def draw_survey(path: Path, verdicts: Sequence[Verdict], value: Callable[[Judged
         axes.set_yscale("log")
         axes.set_ylim(0.3, 200)
         axes.set_xlabel(label, fontsize="small")
-        _title(axes, verdict.body.title)
+        _title(axes, verdict.body.title + (", against the same mesh" if verdict.body.same_mesh else ""))
     figure.supylabel("relative L2 error of the displacements, worst load [%]", fontsize="medium")
     figure.legend(list(seen.values()), list(seen), loc="outside lower center", ncols=4, fontsize="small")
     _save(path, figure)
@@ -212,7 +212,8 @@ def _panels(figure_type: Callable, count: int) -> tuple:
 def _title(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize="small", loc="left", wrap=True)
     axes.grid(alpha=0.3, which="both", linewidth=0.4)
-    axes.tick_params(labelsize=7)
+    axes.tick_params(which="major", labelsize=7)
+    axes.tick_params(which="minor", labelsize=5)
 
 
 def _save(path: Path, figure) -> None:

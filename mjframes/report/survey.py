@@ -72,12 +72,16 @@ class Verdict:
     def of(self, method: str) -> list[Judged]:
         return [row for row in self.rows if row.method == method]
 
+    def bounded(self, row: Judged) -> float:
+        """The error that the body's bound is for."""
+        return row.same_mesh if self.body.same_mesh else row.static
+
     @property
     def promised(self) -> tuple[float, str, bool] | None:
         """The static error at PROMISED_FRAMES that the body's bound is for, its load, and whether that holds."""
         for row in self.of(WHOLE_BODY):
             if row.frames == PROMISED_FRAMES:
-                error = row.same_mesh if self.body.same_mesh else row.static
+                error = self.bounded(row)
                 return error, row.worst, error <= self.body.bound
         return None
 
@@ -142,6 +146,8 @@ def _judged(body: Body, known: Exact, loads: Sequence[Load], setting: Setting) -
 def _at_rest(simulation: Simulation, body: Body, load: Load, force: Array) -> Array:
     """Displacements (n, 3) [m] under `force` (n, 3) [N]; own weight is MuJoCo's gravity."""
     push = simulation.pushed(force)
+    if body.fixed is None:
+        push = _stopped(simulation, push)
     if load.kind == "weight":
         mass = body.grid.density.sum() * body.grid.cell_volume
         simulation.model.opt.gravity[:] = force.sum(axis=0) / mass
@@ -153,6 +159,16 @@ def _at_rest(simulation: Simulation, body: Body, load: Load, force: Array) -> Ar
         raise MjframesError(f"it does not come to rest under {load.name!r}.")
     mujoco.mj_resetData(simulation.model, simulation.data)
     return result["moved"]
+
+
+def _stopped(simulation: Simulation, push: Callable[[], None]) -> Callable[[], None]:
+    """The same push from a stop: what a load in balance turns a bent free body by would add up."""
+
+    def stop() -> None:
+        simulation.data.qvel[:] = 0
+        push()
+
+    return stop
 
 
 def _nothing() -> None:
