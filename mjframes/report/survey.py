@@ -18,7 +18,7 @@ from mjframes.body import PAPER, WHOLE_BODY
 from mjframes.errors import MjframesError
 from mjframes.report.bodies import Body, Load
 from mjframes.report.contenders import Setting, Simulation, timed_build
-from mjframes.report.equilibrium import TIMED_STEP, seconds_per_step, settle
+from mjframes.report.equilibrium import TIMED_STEP, TIMESTEPS, seconds_per_step, settle
 from mjframes.report.exact import MODES, Exact
 from mjframes.supports import Fixed
 
@@ -145,15 +145,15 @@ def _judged(body: Body, known: Exact, loads: Sequence[Load], setting: Setting) -
 
 def _at_rest(simulation: Simulation, body: Body, load: Load, force: Array) -> Array:
     """Displacements (n, 3) [m] under `force` (n, 3) [N]; own weight is MuJoCo's gravity."""
-    push = simulation.pushed(force)
+    push, timesteps = simulation.pushed(force), TIMESTEPS
     if body.fixed is None:
-        push = _stopped(simulation, push)
+        push, timesteps = _stopped(simulation, push), TIMESTEPS[1:]
     if load.kind == "weight":
         mass = body.grid.density.sum() * body.grid.cell_volume
         simulation.model.opt.gravity[:] = force.sum(axis=0) / mass
         push = _nothing
     simulation.data.xfrc_applied[:] = 0
-    result = settle(simulation.model, simulation.data, push, lambda: body.apart(simulation.field()))
+    result = settle(simulation.model, simulation.data, push, lambda: body.apart(simulation.field()), timesteps)
     simulation.model.opt.gravity[:] = 0
     if not result:
         raise MjframesError(f"it does not come to rest under {load.name!r}.")
@@ -162,7 +162,11 @@ def _at_rest(simulation: Simulation, body: Body, load: Load, force: Array) -> Ar
 
 
 def _stopped(simulation: Simulation, push: Callable[[], None]) -> Callable[[], None]:
-    """The same push from a stop: what a load in balance turns a bent free body by would add up."""
+    """The same push from a stop.
+
+    A free body that is pushed from behind would turn over, as its balance is unstable; so slowly that it comes to rest
+    before, unless turns add up or steps are long.
+    """
 
     def stop() -> None:
         simulation.data.qvel[:] = 0
