@@ -111,6 +111,15 @@ def test_a_free_body_is_solved_without_its_rigid_motions() -> None:
     assert 1 < known.frequencies[0] < 20
 
 
+def test_a_free_body_comes_to_rest_under_loads_that_would_turn_it_over() -> None:
+    body = free_core()
+    found = judge(body, exact_solution(body), True, lambda stage: None)
+    assert not found.refused
+    few, more = found.of(WHOLE_BODY)
+    assert 0.1 < more.static < few.static < 0.7  # turned over: 1000
+    assert more.push("20%") < 0.5
+
+
 def test_the_defaults_follow_a_sandwich_and_the_papers_method_does_not(layers: Verdict) -> None:
     defaults, papers = (next(row for row in layers.of(m) if row.frames == 5) for m in (WHOLE_BODY, PAPER))
     assert defaults.push("5%") < 0.05

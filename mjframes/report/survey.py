@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 FRAMES = (3, 5, 10, 20)
 PROMISED_FRAMES = 5
+FREE = 0.01  # [-] of the loads of a free body that are put on it: it answers in proportion
 STATIC = ("weight", "end")  # kinds of loads that bounds are for
 
 
@@ -145,9 +146,9 @@ def _judged(body: Body, known: Exact, loads: Sequence[Load], setting: Setting) -
 
 def _at_rest(simulation: Simulation, body: Body, load: Load, force: Array) -> Array:
     """Displacements (n, 3) [m] under `force` (n, 3) [N]; own weight is MuJoCo's gravity."""
-    push, timesteps = simulation.pushed(force), TIMESTEPS
+    push, timesteps, part = simulation.pushed(force), TIMESTEPS, 1.0
     if body.fixed is None:
-        push, timesteps = _stopped(simulation, push), TIMESTEPS[1:]
+        push, timesteps, part = _stopped(simulation, simulation.pushed(FREE * force)), TIMESTEPS[1:], FREE
     if load.kind == "weight":
         mass = body.grid.density.sum() * body.grid.cell_volume
         simulation.model.opt.gravity[:] = force.sum(axis=0) / mass
@@ -158,14 +159,14 @@ def _at_rest(simulation: Simulation, body: Body, load: Load, force: Array) -> Ar
     if not result:
         raise MjframesError(f"it does not come to rest under {load.name!r}.")
     mujoco.mj_resetData(simulation.model, simulation.data)
-    return result["moved"]
+    return result["moved"] / part
 
 
 def _stopped(simulation: Simulation, push: Callable[[], None]) -> Callable[[], None]:
     """The same push from a stop.
 
     A free body that is pushed from behind would turn over, as its balance is unstable; so slowly that it comes to rest
-    before, unless turns add up or steps are long.
+    before, unless turns add up, steps are long or the bend, which gives the forces their arms, is large.
     """
 
     def stop() -> None:
