@@ -110,7 +110,7 @@ def test_main_prints_tables_and_writes_every_number(
     assert "67021 voxels" in printed
     assert "3 frames, 36 degrees of freedom" in printed
     assert "3 frames, 10 samples, 36 degrees of freedom" in printed
-    assert "Cost over the bodies alone, 3 frames\n" in printed
+    assert "Cost over the bodies alone, 3 frames" in printed
     assert "\x1b" not in printed
     with (tmp_path / bench.OUTPUT).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

@@ -159,10 +159,10 @@ def test_the_page_tells_what_does_not_hold(layers: Verdict) -> None:
 
 
 def test_what_does_not_build_is_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch, layers: Verdict) -> None:
-    monkeypatch.setattr(survey, "FRAMES", (0,))
+    monkeypatch.setattr(survey, "FRAMES", (10**6,))
     found = judge(layers.body, layers.exact, False, lambda stage: None)
     assert found.rows == []
-    assert [entry[:2] for entry in found.refused] == [(WHOLE_BODY, 0), (PAPER, 0)]
+    assert [entry[:2] for entry in found.refused] == [(WHOLE_BODY, 10**6), (PAPER, 10**6)]
     assert found.promised is None
 
 
