@@ -166,6 +166,7 @@ def test_a_race_is_run_at_the_same_error():
     assert (found.mine, found.theirs) == (rows[1], rows[5])
     assert found.lead == 15
     assert found.lead_within_bound == 6
+    assert race("", [*rows, row("mjframes", 0.01, 0.1, family="affine, by hand")]) == found
     assert race("", rows[:3]).lead == np.inf
     assert race("", rows[3:]).lead == 0
     assert front(rows, lambda r: r.step_seconds) == [rows[2], rows[0], rows[1], rows[5]]

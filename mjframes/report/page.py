@@ -51,7 +51,7 @@ def write_page(path: Path, findings: Findings) -> None:
 def _page(findings: Findings) -> Iterable[str]:
     yield "# mjframes against finite elements and MuJoCo's flex"
     yield ""
-    yield f"Written by `{findings.command}` in {findings.seconds / 60:.0f} min. Every number is in `report.csv`."
+    yield f"Written by `{findings.command}` in {findings.seconds / 60:.0f} min. Every number is in `survey.csv` and `report.csv`."
     yield ""
     yield from (f"- {name}: {text}" for name, text in findings.machine.items())
     yield f"- flex: {findings.flex}"
@@ -67,7 +67,8 @@ def _page(findings: Findings) -> Iterable[str]:
         "contact. Where stiffness varies its compiled `flex_stiffness` is replaced by that of the "
         "voxels (exact sums in cells, "
         "means in tetrahedra), which MuJoCo itself does not offer. What is named by hand "
-        "has frames on the centre line with hats for weights; all others are placed by `build`."
+        "has frames on the centre line with hats for weights; all others are placed by `build`, and only "
+        "these are compared with flex."
     )
     races = [race(outcome.case.name, outcome.rows) for outcome in findings.outcomes]
     if any(row.kind == "flex" for outcome in findings.outcomes for row in outcome.rows):
@@ -118,7 +119,7 @@ def _races(findings: Findings, races: Sequence[Race]) -> Iterable[str]:
 
 def _cause(outcome: Outcome, one: Race) -> str:
     """Why the lead is missed."""
-    best = min((r for r in outcome.rows if r.kind == "mjframes"), key=lambda r: r.error)
+    best = min((r for r in outcome.rows if r.rival == "mjframes"), key=lambda r: r.error)
     if one.mine is None:
         return (
             f"no frames come within {100 * one.bound:.0f} % (best: {best.family}, {best.name}, "

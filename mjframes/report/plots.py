@@ -54,7 +54,7 @@ def draw_scatter(path: Path, outcomes: Sequence[Outcome], value: Callable[[Row],
             handle = axes.scatter(value(row), 100 * row.error, s=22, marker=marker, linewidths=1, color=color)
             seen.setdefault(_legend(row), handle)
         for kind, color in (("mjframes", "tab:blue"), ("flex", "tab:orange")):
-            best = front([row for row in outcome.rows if row.kind == kind], value)
+            best = front([row for row in outcome.rows if row.rival == kind], value)
             axes.plot([value(r) for r in best], [100 * r.error for r in best], color=color, linewidth=1, alpha=0.6)
         axes.set_xscale("log")
         axes.set_yscale("log")
