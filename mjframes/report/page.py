@@ -51,7 +51,8 @@ def write_page(path: Path, findings: Findings) -> None:
 def _page(findings: Findings) -> Iterable[str]:
     yield "# mjframes against finite elements and MuJoCo's flex"
     yield ""
-    yield f"Written by `{findings.command}` in {findings.seconds / 60:.0f} min. Every number is in `survey.csv` and `report.csv`."
+    minutes = f"{findings.seconds / 60:.0f} min"
+    yield f"Written by `{findings.command}` in {minutes}. Every number is in `survey.csv` and `report.csv`."
     yield ""
     yield from (f"- {name}: {text}" for name, text in findings.machine.items())
     yield f"- flex: {findings.flex}"
