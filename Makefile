@@ -33,7 +33,7 @@ bench: $(VENV)/installed
 	$(VENV)/bin/mjframes bench
 
 report: $(VENV)/installed $(VENV4)/installed
-	$(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
+	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
 
 lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check

@@ -1,6 +1,7 @@
 """How long the precomputation takes and how many steps a second there are: `mjframes bench`.
 
-The volume and the three sizes are those of the paper's Table 2. A soft body's step is compared with steps of the same
+The volume and the three numbers of frames are those of the paper's Table 2, by the default method and by the paper's
+with its samples. A soft body's step is compared with steps of the same
 MuJoCo bodies, of the same masses on the same slides, from whose model the plugin was taken out, which is what any such
 tree of bodies costs in MuJoCo: once free of contact, once with as many contacts, between spheres and the floor.
 What is compared is measured in turns, and medians are taken, so that a machine that slows down does so for all.
@@ -19,6 +20,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -27,6 +29,7 @@ from rich.table import Table
 
 from mjframes.bench_large import GROWTH, Job, Measured, draw_growth, jobs_of, measure, ring_file, standard_jobs
 from mjframes.bench_profile import PARTS, contact_share, profile
+from mjframes.body import PAPER as PAPERS_METHOD
 from mjframes.body import SoftBody, build
 from mjframes.cache import SWITCH
 from mjframes.files import replacing
@@ -36,9 +39,25 @@ from mjframes.volume import Volume
 VOLUME = Path(__file__).parent.parent / "models" / "steak.npz"
 OUTPUT = Path("out") / "bench.csv"
 
-Size = tuple[int, int]  # frames, samples
+
+class Size(NamedTuple):
+    """How a body is built. frames: how many.  samples: of the paper's method; None for the default one."""
+
+    frames: int
+    samples: int | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Of `build`."""
+        return {"frames": self.frames} | ({"samples": self.samples, "method": PAPERS_METHOD} if self.samples else {})
+
+    def __str__(self) -> str:
+        """Return what tables call it."""
+        return f"{self.frames} frames" + (f", {self.samples} samples" if self.samples else "")
+
+
 # Size: initialization [s], frames a second (with drawing and collisions, at 2.67 GHz): the paper, Table 2
-PAPER: dict[Size, tuple[float, float]] = {(3, 10): (3, 500), (10, 53): (8, 100), (20, 140): (12, 40)}
+PAPER: dict[Size, tuple[float, float]] = {Size(3, 10): (3, 500), Size(10, 53): (8, 100), Size(20, 140): (12, 40)}
 
 TIMESTEP = 2e-3  # [s]
 FALL = 50  # steps before the measured ones: from here on the body touches the box
@@ -51,6 +70,7 @@ STEP_NOTE = f"""\
 {SOFT}: it lands on the edge of a box and the floor.  {AIR}: it falls freely.
 {SPHERES}: the same bodies without the plugin, on the floor by as many spheres; what "{SOFT}" is divided by.
 {BODIES}: the same bodies without the plugin, falling freely; what "{AIR}" is divided by.
+× paper's method: the same step of as many frames whose stiffness is summed over the samples of the paper's table.
 The paper's frames a second include drawing, on a processor of 2.67 GHz of its time."""
 
 LAWS = ("corotational", "neo_hookean")
@@ -160,15 +180,17 @@ def main() -> None:
     volume = Volume.from_labels(VOLUME)
     console.print(f"{'volume':9}  {VOLUME.name}, {(volume.labels > 0).sum()} voxels", highlight=False)
 
-    bodies, buildings = measure_builds(volume, tuple(PAPER), BUILDS)
-    _show(console, build_table(buildings))
-    runs = [run for body, size in zip(bodies, PAPER, strict=True) for run in prepare_runs(body, volume, size, STEPS)]
+    sizes = [size for papers in PAPER for size in (Size(papers.frames), papers)]
+    bodies, buildings = measure_builds(volume, sizes, BUILDS)
+    _show(console, build_table(buildings[::2]))
+    _show(console, build_table(buildings[1::2]))
+    runs = [run for body, size in zip(bodies, sizes, strict=True) for run in prepare_runs(body, volume, size, STEPS)]
     speeds = measure_steps(runs, ROUNDS, STEPS)
     _show(console, step_table(speeds), STEP_NOTE)
-    profiles = {size: measure_profile([run for run in runs if run.size == size], ROUNDS, STEPS) for size in PAPER}
+    profiles = {size: measure_profile([run for run in runs if run.size == size], ROUNDS, STEPS) for size in sizes}
     _show(console, profile_table(profiles), PROFILE_NOTE)
 
-    costs = [measure_cost(volume, next(iter(PAPER)), law, ROUNDS, STEPS) for law in LAWS]
+    costs = [measure_cost(volume, sizes[0], law, ROUNDS, STEPS) for law in LAWS]
     _show(console, cost_table(costs), COST_NOTE)
 
     with tempfile.TemporaryDirectory() as folder:
@@ -176,6 +198,7 @@ def main() -> None:
     _show(console, large_table(large), LARGE_NOTE)
 
     rows += [("large", m.job.frames, m.job.samples, f"{m.cells} cells", m.seconds, "s") for m in large]
+    rows += [("rate", m.job.frames, m.job.samples, f"{m.voxels} voxels", m.rate, "1/s") for m in large]
     rows += [("memory", m.job.frames, m.job.samples, f"{m.cells} cells", m.memory / m.cells, "byte") for m in large]
     rows += [("build", *b.size, stage, seconds, "s") for b in buildings for stage, seconds in b.stages.items()]
     rows += [("build", *b.size, "total", b.total, "s") for b in buildings]
@@ -201,20 +224,20 @@ def main_of_growth(picture: str) -> None:
     """A picture (.png) of time and memory from 10⁴ to 2·10⁷ cells."""
     with tempfile.TemporaryDirectory() as folder:
         ring = ring_file(folder)
-        measured = list(measure([Job(ring, cells, 10, 41) for cells in GROWTH]))
+        measured = list(measure([Job(ring, cells, 10) for cells in GROWTH]))
     draw_growth(measured, picture)
     _show(_console(), large_table(measured), f"{LARGE_NOTE}\n{picture} shows them.")
 
 
 def large_table(measured: Sequence[Measured]) -> Table:
     """One row a body."""
-    columns = ("cells", "voxels", "seconds", "processor seconds", "bytes a cell", "the paper's seconds")
+    columns = ("cells", "voxels", "seconds", "voxels/s", "processor seconds", "bytes a cell", "the paper's seconds")
     table = _table("Precomputation of large volumes, from the file to the saved body", *columns)
     for m in measured:
-        size = _label((m.job.frames, m.job.samples))
         table.add_row(
-            f"{Path(m.job.source).stem}, {size}",
-            *(f"{m.cells:,}", f"{m.voxels:,}", f"{m.seconds:.2f}", f"{m.processor:.2f}", f"{m.memory / m.cells:.0f}"),
+            f"{Path(m.job.source).stem}, {Size(m.job.frames, m.job.samples)}",
+            *(f"{m.cells:,}", f"{m.voxels:,}", f"{m.seconds:.2f}", f"{m.rate:,.0f}", f"{m.processor:.2f}"),
+            f"{m.memory / m.cells:.0f}",
             f"{m.job.paper[1]:g} ({m.job.paper[0]})" if m.job.paper else "",
         )
     return table
@@ -235,7 +258,8 @@ def measure_builds(
     volume: Volume, sizes: Sequence[Size], repeats: int
 ) -> tuple[tuple[SoftBody, ...], tuple[Building, ...]]:
     """The soft bodies of the sizes, and how long it took to build them once the kernels were compiled."""
-    build(volume, *sizes[0])
+    for size in sizes[:2]:  # of each method
+        build(volume, **size.options)
     timings: list[list[dict[str, float]]] = [[] for _ in sizes]
     bodies: tuple[SoftBody, ...] = ()
     for _ in range(repeats):
@@ -278,7 +302,7 @@ def measure_steps(runs: Sequence[Run], rounds: int, steps: int) -> tuple[Speed, 
 
 def measure_cost(volume: Volume, size: Size, law: str, rounds: int, steps: int) -> Cost:
     """The four models of a size with elasticity of that law."""
-    body = build(volume, *size, law=law)
+    body = build(volume, **size.options, law=law)
     points = float(np.mean([len(some) for some in body.quadrature.volume])) if body.quadrature else 0.0
     return Cost(law, points, measure_steps(prepare_runs(body, volume, size, steps), rounds, steps))
 
@@ -298,24 +322,27 @@ def measure_profile(runs: Sequence[Run], rounds: int, steps: int) -> dict[str, f
 def build_table(buildings: Sequence[Building]) -> Table:
     """Seconds of each stage, one column a size."""
     table = _table(
-        "Precomputation, seconds, with the kernels compiled", *(_label(building.size) for building in buildings)
+        "Precomputation, seconds, with the kernels compiled", *(str(building.size) for building in buildings)
     )
     for stage in buildings[0].stages:
         table.add_row(stage, *(f"{building.stages[stage]:.3f}" for building in buildings))
     table.add_row("total", *(f"{building.total:.2f}" for building in buildings), style="bold")
-    table.add_row("the paper's", *(f"{PAPER[b.size][0]:g}" if b.size in PAPER else "" for b in buildings))
+    table.add_row("the paper's", *(f"{found[1][0]:g}" if (found := _papers(b.size)) else "" for b in buildings))
     return table
 
 
 def step_table(speeds: Sequence[Speed]) -> Table:
     """One row a model; the soft ones have the ratio to the same bodies without elasticity."""
     step = {(speed.size, speed.name): speed.step for speed in speeds}
-    columns = ("contacts", "iterations", "µs a step", "steps/s", "× real time", "× bodies", "the paper's frames/s")
+    columns = ("contacts", "iterations", "µs a step", "steps/s", "× real time", "× bodies", "× paper's method")
+    columns += ("the paper's frames/s",)
     table = _table(f"Steps of {TIMESTEP * 1e3:g} ms on one core", *columns)
     for speed in speeds:
         if speed.name == SOFT:
-            table.add_row(f"{_label(speed.size)}, {speed.dofs} degrees of freedom", style="bold")
+            table.add_row(f"{speed.size}, {speed.dofs} degrees of freedom", style="bold")
         reference = {SOFT: SPHERES, AIR: BODIES}.get(speed.name)
+        papers = _papers(speed.size)
+        other = step.get((papers[0], speed.name)) if papers and reference and speed.size.samples is None else None
         table.add_row(
             f"  {speed.name}",
             f"{speed.contacts:.1f}",
@@ -324,14 +351,15 @@ def step_table(speeds: Sequence[Speed]) -> Table:
             f"{1 / speed.step:.0f}",
             f"{TIMESTEP / speed.step:.2f}",
             f"{speed.step / step[speed.size, reference]:.1f}" if reference else "",
-            f"{PAPER[speed.size][1]:g}" if speed.name == SOFT and speed.size in PAPER else "",
+            f"{speed.step / other:.2f}" if other else "",
+            f"{papers[1][1]:g}" if speed.name == SOFT and papers else "",
         )
     return table
 
 
 def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
     """Percentages, one column a size."""
-    table = _table(f"Where the step of {SOFT} goes, percent", *map(_label, profiles))
+    table = _table(f"Where the step of {SOFT} goes, percent", *map(str, profiles))
     for part in (*PARTS, CONTACTS):
         cells = (f"{100 * shares[part]:.0f}" for shares in profiles.values())
         table.add_row(part, *cells, style="bold" if part == CONTACTS else "")
@@ -341,7 +369,7 @@ def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
 def cost_table(costs: Sequence[Cost]) -> Table:
     """What elasticity adds to the same bodies, one row a law."""
     columns = ("points a region", "µs, contact", "elasticity, µs", "× MuJoCo's", "× without elasticity")
-    table = _table(f"Cost over the bodies alone, {_label(costs[0].speeds[0].size)}", *columns)
+    table = _table(f"Cost over the bodies alone, {costs[0].speeds[0].size}", *columns)
     for cost in costs:
         table.add_row(
             cost.law,
@@ -362,7 +390,7 @@ def _timed_build(volume: Volume, size: Size) -> tuple[SoftBody, dict[str, float]
         names.append(stage.split(":")[0])
         times.append(time.perf_counter())
 
-    body = build(volume, *size, progress=progress)
+    body = build(volume, **size.options, progress=progress)
     times.append(time.perf_counter())
     spent = dict.fromkeys(names, 0.0)
     for name, seconds in zip(names, np.diff(times).tolist(), strict=True):
@@ -441,8 +469,9 @@ def _show(console: Console, table: Table, note: str = "") -> None:
         console.print(note, highlight=False)
 
 
-def _label(size: Size) -> str:
-    return f"{size[0]} frames, {size[1]} samples"
+def _papers(size: Size) -> tuple[Size, tuple[float, float]] | None:
+    """The paper's entry of as many frames."""
+    return next((entry for entry in PAPER.items() if entry[0].frames == size.frames), None)
 
 
 def _table(title: str, *columns: str) -> Table:

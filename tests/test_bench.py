@@ -14,7 +14,7 @@ from mjframes.bench_profile import contact_share
 from mjframes.material import Material
 from mjframes.volume import Volume
 
-SIZE = (2, 3)
+SIZE = bench.Size(2)
 STEPS = 200
 
 
@@ -31,12 +31,13 @@ def runs(slab: Volume) -> dict[str, bench.Run]:
 
 
 def test_builds_are_timed_by_stage(slab: Volume) -> None:
-    sizes = [SIZE, (3, 4)]
+    sizes = [SIZE, bench.Size(3), bench.Size(3, 4)]
     bodies, buildings = bench.measure_builds(slab, sizes, repeats=2)
     assert [building.size for building in buildings] == sizes
-    assert [len(body.parent) for body in bodies] == [2, 3]
+    assert [len(body.parent) for body in bodies] == [2, 3, 3]
     for building in buildings:
-        assert "computing the weights" in building.stages
+        assert ("solving the finite elements" in building.stages) == (building.size.samples is None)
+        assert ("summing the stiffness" in building.stages) == (building.size.samples is not None)
         assert all(seconds > 0 for seconds in building.stages.values())
         assert building.total > max(building.stages.values())
 
@@ -100,21 +101,36 @@ def test_main_prints_tables_and_writes_every_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(bench, "standard_jobs", lambda folder: [Job(str(bench.VOLUME), 20_000, 2, 3)])
-    monkeypatch.setattr(bench, "PAPER", {(3, 10): (3, 500)})
+    monkeypatch.setattr(bench, "standard_jobs", lambda folder: [Job(str(bench.VOLUME), 20_000, 2)])
+    monkeypatch.setattr(bench, "PAPER", {bench.Size(3, 10): (3, 500)})
     for name, value in (("BUILDS", 1), ("ROUNDS", 1), ("STEPS", 20)):
         monkeypatch.setattr(bench, name, value)
     bench.main()
     printed = capsys.readouterr().out
     assert "67021 voxels" in printed
+    assert "3 frames, 36 degrees of freedom" in printed
     assert "3 frames, 10 samples, 36 degrees of freedom" in printed
-    assert "Cost over the bodies alone, 3 frames, 10 samples" in printed
+    assert "Cost over the bodies alone, 3 frames" in printed
     assert "\x1b" not in printed
     with (tmp_path / bench.OUTPUT).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["table"] for row in rows} == {
-        "machine", "build", "large", "memory", "step", "contacts", "iterations", "share", "cost", "elasticity", "paper",
+        "machine", "build", "large", "memory", "rate", "step", "contacts", "iterations", "share", "cost", "elasticity",
+        "paper",
     }  # fmt: skip
     assert all(float(row["value"]) > 0 for row in rows if row["table"] in ("build", "large", "step", "share", "paper"))
     steps = [row["row"] for row in rows if row["table"] == "step"]
-    assert steps == [bench.SOFT, bench.AIR, bench.SPHERES, bench.BODIES]
+    assert steps == 2 * [bench.SOFT, bench.AIR, bench.SPHERES, bench.BODIES]
+    assert [row["samples"] for row in rows if row["table"] == "step"] == 4 * [""] + 4 * ["10"]
+
+
+def test_a_step_is_compared_with_that_of_the_papers_method(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench, "PAPER", {bench.Size(3, 10): (3, 500)})
+    names = (bench.SOFT, bench.AIR, bench.SPHERES, bench.BODIES)
+    speeds = [
+        bench.Speed(bench.Size(3, samples), name, 36, 1.0, 1.0, step)
+        for samples, step in ((None, 3e-5), (10, 4e-5))
+        for name in names
+    ]
+    ratios = list(bench.step_table(speeds).columns[-2].cells)
+    assert ratios == ["", "0.75", "0.75", "", "", "", "", "", "", ""]

@@ -37,7 +37,7 @@ def outcomes(kinds: Sequence[str], young: Sequence[float], steps: Sequence[float
 
 # mixed frames at 1e12 Pa, while relaxation left K_e forces on translations of 4e-11 of itself: every start blew up
 @pytest.mark.parametrize("young", [1.0, 1e6, 1e12])
-@pytest.mark.parametrize("kind", ["corotational", "mixed frames"])
+@pytest.mark.parametrize("kind", ["corotational", "mixed frames", "the paper's method"])
 def test_from_any_shape_a_corotational_body_returns_without_a_gain(kind: str, young: float) -> None:
     for some in outcomes([kind], [young], [2e-3, 1 / 30], FREE):
         assert some.recovers, some
@@ -204,7 +204,7 @@ def test_what_is_measured_of_a_body_at_its_end() -> None:
     move_with(view, np.array([0.0, 0.0, 2 * LENGTH]))
     mujoco.mj_forward(model, view.data)
     end = measure_end(view, 1e6, 0.5)
-    assert (end.inverted, end.samples, end.voxels) == ((4, 432), 4, 432)
+    assert (end.inverted, end.samples, end.voxels) == ((3, 432), 3, 432)  # a region a frame
     assert end.speed == pytest.approx(2, rel=1e-6)
     assert end.energy > 0.1
     assert end.force > 0.01

@@ -1,6 +1,8 @@
 """`mjframes report`: error against run time, against finite elements and MuJoCo's own flex (the paper, §6).
 
-cases → reference (finite elements) → contenders (frames) and flex, in the simulator → measures → plots and page
+bodies → exact (finite elements) → survey: what the defaults give for bodies nobody tuned
+cases → reference (finite elements) → contenders (frames) and flex, in the simulator → measures
+both → plots and page
 """
 
 from __future__ import annotations
@@ -13,12 +15,18 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from mjframes.bench import machine
+from mjframes.body import METHODS
 from mjframes.errors import MjframesError
+from mjframes.report.bodies import all_bodies
 from mjframes.report.cases import all_cases, bar
+from mjframes.report.contenders import timed_build
+from mjframes.report.exact import exact_solution, exact_solutions
 from mjframes.report.flex import FlexProcess
 from mjframes.report.measures import Outcome, compare
 from mjframes.report.page import Findings, write_csv, write_page
 from mjframes.report.reference import references, refined
+from mjframes.report.survey import judge
+from mjframes.report.survey_page import write_survey_csv
 from mjframes.report.table2 import Line, measure
 from mjframes.report.vibration import exact_vibration, vibrations
 
@@ -29,7 +37,7 @@ HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0
 def write_report(
     folder: Path, quick: bool, mujoco4: str | None, models: Mapping[str, str], progress: Callable[[str], None]
 ) -> None:
-    """Measure everything and write report.md, report.csv and the figures.
+    """Measure everything and write report.md, report.csv, survey.csv and the figures.
 
     mujoco4: a Python that has MuJoCo 4.0.0, for flex; None leaves flex out.  models: files for Table 2, by model.
     Raises MjframesError where an extra package is missing, for a Python without flex and for unusable files.
@@ -37,14 +45,27 @@ def write_report(
     try:
         import matplotlib  # noqa: F401
 
-        from mjframes.report.plots import draw_convergence, draw_scatter, draw_shapes, draw_vibration
+        from mjframes.report.plots import draw_convergence, draw_scatter, draw_shapes, draw_survey, draw_vibration
     except ImportError as error:
         raise MjframesError(
             'the report needs matplotlib, which is not installed; pip install "mjframes[report]".'
         ) from error
     start = time.perf_counter()
-    chosen = all_cases(quick)
     progress("finite elements")
+    bodies = all_bodies(quick)
+    truth = (
+        {body.name: exact_solution(body) for body in bodies}
+        if quick
+        else exact_solutions([b.name for b in bodies], progress)
+    )
+    for method in METHODS:  # kernels are compiled or loaded where they are first used
+        timed_build(bodies[0].volume, 2, method=method)
+    verdicts = []
+    for body in bodies:
+        verdicts.append(judge(body, truth[body.name], quick, progress))
+        write_survey_csv(folder / "survey.csv", verdicts)  # of so much work none is lost
+    progress("finite elements")
+    chosen = all_cases(quick)
     names = [case.name for case in chosen]
     known = {case.name: refined(case) for case in chosen} if quick else references(names, progress)
     swing = bar("release", "cantilever, let go", "weight", across=6)
@@ -53,10 +74,10 @@ def write_report(
     with FlexProcess(mujoco4) if mujoco4 else nullcontext() as flex:
         for case in chosen:
             outcomes.append(compare(case, known[case.name], flex, quick, progress))
-            write_csv(folder / "report.csv", outcomes)  # of so much work none is lost
+            write_csv(folder / "report.csv", outcomes)
         progress("free vibration")
         found = vibrations(swing, bent, flex, quick)
-        first, _, exact = exact_vibration(swing, bent)
+        first, _, swinging = exact_vibration(swing, bent)
         version = f"MuJoCo {flex.version}" if flex else HOW
     progress("drawing")
     main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
@@ -65,14 +86,19 @@ def write_report(
     draw_shapes(folder / "main_shapes.png", main)
     draw_scatter(folder / "error_time.png", outcomes, lambda row: 1e6 * row.step_seconds, "µs a step")
     draw_scatter(folder / "error_dofs.png", outcomes, lambda row: row.dofs, "degrees of freedom")
+    draw_scatter(folder / "error_build.png", outcomes, lambda row: row.build_seconds, "seconds to build")
+    draw_survey(folder / "survey_time.png", verdicts, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_survey(folder / "survey_dofs.png", verdicts, lambda row: row.dofs, "degrees of freedom")
+    draw_survey(folder / "survey_build.png", verdicts, lambda row: row.build_seconds, "seconds to build")
     draw_convergence(folder / "convergence.png", outcomes)
     draw_shapes(folder / "shapes.png", outcomes)
-    draw_vibration(folder / "vibration.png", found, first, exact)
+    draw_vibration(folder / "vibration.png", found, first, swinging)
     command = shlex.join(["mjframes", *sys.argv[1:]])
 
     def publish(lines: list[Line]) -> None:
         seconds = time.perf_counter() - start
-        write_page(folder / "report.md", Findings(command, machine(), version, outcomes, found, first, lines, seconds))
+        findings = Findings(command, machine(), version, verdicts, outcomes, found, first, lines, seconds)
+        write_page(folder / "report.md", findings)
 
     publish([])
     publish(measure(models, quick, progress))

@@ -102,7 +102,7 @@ def linear_stiffness(mesh: Bricks) -> sparse.csr_array:
     by_lam = pairs.reshape(3 * a, 3 * a)
     by_mu = (pairs.transpose(0, 3, 2, 1) + np.einsum("akbk,ij->aibj", pairs, np.eye(3))).reshape(3 * a, 3 * a)
     blocks = mesh.lam[:, None] * by_lam.ravel() + mesh.mu[:, None] * by_mu.ravel()
-    return _assembled(mesh, blocks)
+    return assembled(mesh, blocks)
 
 
 def nodal_load(mesh: Bricks, load: Array) -> Array:
@@ -164,10 +164,11 @@ def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Ar
         pull = np.einsum("q,eqkl,qak,qbl->eab", volume, S, gradient, gradient, optimize=True)
         result += pull[:, :, None, :, None] * eye[:, None, :]
         blocks[some] = result.reshape(len(u), -1)
-    return total, None if blocks is None else _assembled(mesh, blocks)
+    return total, None if blocks is None else assembled(mesh, blocks)
 
 
-def _assembled(mesh: Bricks, blocks: Array) -> sparse.csr_array:
+def assembled(mesh: Bricks, blocks: Array) -> sparse.csr_array:
+    """(3N, 3N) the sum of blocks (c, 9a²) of the bricks."""
     dof = mesh.dof.astype(np.int32)
     m = dof.shape[1]
     at = (np.repeat(dof, m, axis=1).ravel(), np.tile(dof, (1, m)).ravel())

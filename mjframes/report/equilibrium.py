@@ -8,7 +8,7 @@ nothing of mjframes: a second Python with another MuJoCo runs it too.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -22,14 +22,18 @@ TIMED_STEP = 0.002  # [s] the time step at which seconds per step are measured
 
 
 def settle(
-    model: mujoco.MjModel, data: mujoco.MjData, push: Callable[[], None], field: Callable[[], np.ndarray]
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    push: Callable[[], None],
+    field: Callable[[], np.ndarray],
+    timesteps: Sequence[float] = TIMESTEPS,
 ) -> dict[str, Any]:
     """Steps until nothing moves any more; the state stays in `data`.
 
     push: sets the applied forces, at the present configuration.  field: displacements (n, 3) [m].
     Returns moved (n, 3), steps to within 1 % of them, timestep [s]; {} if no time step leads to rest.
     """
-    for timestep in TIMESTEPS:
+    for timestep in timesteps:
         mujoco.mj_resetData(model, data)
         model.opt.timestep = timestep
         mujoco.mj_forward(model, data)

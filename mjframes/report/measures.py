@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjframes.errors import MjframesError
 from mjframes.report.cases import Case
-from mjframes.report.contenders import Contender, settings, solved
+from mjframes.report.contenders import BY_HAND, Contender, settings, solved
 from mjframes.report.equilibrium import TIMED_STEP
 from mjframes.report.flex import FlexContender, FlexProcess, flex_settings
 from mjframes.report.reference import Reference
@@ -23,7 +23,7 @@ from mjframes.report.reference import Reference
 Array = NDArray[np.float64]
 
 STALLED = 0.9  # [-] of the error with fewer frames: what does not get below that has stopped converging
-SETTLED = 0.02  # [-] error below which that no longer matters: relaxation, voxels and the held face have their own
+SETTLED = 0.02  # [-] error below which that no longer matters: voxels and the held face have their own
 USEFUL = (0.05, 0.1, 0.2, 0.3)  # [-] errors at which speeds are compared: the first that frames reach
 SHOWN = {"mjframes": 0.15, "flex": 0.15}
 
@@ -51,6 +51,11 @@ class Row:
     rest_seconds: float
     build_seconds: float
     edited: bool
+
+    @property
+    def rival(self) -> str:
+        """The kind that it competes for; none for frames placed by hand, which are shown only."""
+        return "" if BY_HAND in self.family else self.kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +118,7 @@ def compare(
     ]
     shapes = {}
     for kind in ("mjframes", "flex"):
-        own = [i for i, row in enumerate(rows) if row.kind == kind]
+        own = [i for i, row in enumerate(rows) if row.rival == kind]
         if own:
             i = shown(rows, own)
             shapes[f"{rows[i].family}, {rows[i].name}: {100 * rows[i].error:.1f} %"] = found[i][0].moved
@@ -163,9 +168,9 @@ class Race:
 
 def race(case: str, rows: Sequence[Row], bounds: Sequence[float] = USEFUL) -> Race:
     """Leads over a flex that exists are preferred to leads over none."""
-    reached = [bound for bound in bounds if any(r.kind == "mjframes" and r.error <= bound for r in rows)]
+    reached = [bound for bound in bounds if any(r.rival == "mjframes" and r.error <= bound for r in rows)]
     bound = reached[0] if reached else bounds[-1]
-    frames, flex = ([r for r in rows if r.kind == kind] for kind in ("mjframes", "flex"))
+    frames, flex = ([r for r in rows if r.rival == kind] for kind in ("mjframes", "flex"))
     duels = []
     for row in (r for r in frames if r.error <= bound):
         rival = _fastest([other for other in flex if other.error <= row.error])

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.body import PAPER, WHOLE_BODY
 from mjframes.files import replacing
 from mjframes.report.measures import Outcome, Row, front, slopes
+from mjframes.report.survey import Judged, Verdict
 from mjframes.report.vibration import LOST, PERIODS, Vibration
 
 if TYPE_CHECKING:
@@ -23,11 +25,13 @@ RESOLUTION = 110  # [dots per inch]
 COLUMNS = 4  # of small figures
 SWING = 1.5  # [-] of the first deflection that is shown
 DRAWN = 0.15  # [-] of its length that a body's largest displacement is drawn
-STYLES = {  # beginning of a family: colour, marker, filled
+STYLES = {  # beginning of a family: colour, marker
+    "affine, by hand": ("tab:pink", "*"),
     "affine": ("tab:blue", "o"),
     "rigid": ("tab:cyan", "s"),
     "quadratic": ("tab:purple", "D"),
-    "paper-style": ("0.6", "x"),
+    "paper's method": ("0.3", "x"),
+    "paper-style": ("0.6", "+"),
     "flex full": ("tab:red", "^"),
     "flex trilinear": ("tab:orange", "v"),
     "flex quadratic": ("tab:green", "P"),
@@ -47,14 +51,10 @@ def draw_scatter(path: Path, outcomes: Sequence[Outcome], value: Callable[[Row],
     for axes, outcome in zip(panels, outcomes, strict=False):
         for row in outcome.rows:
             color, marker = style(row.family)
-            plain = row.kind == "mjframes" and "relaxed" not in row.family and marker != "x"
-            handle = axes.scatter(
-                value(row), 100 * row.error, s=22, marker=marker, linewidths=1,
-                **({"facecolors": "none", "edgecolors": color} if plain else {"color": color}),
-            )  # fmt: skip
+            handle = axes.scatter(value(row), 100 * row.error, s=22, marker=marker, linewidths=1, color=color)
             seen.setdefault(_legend(row), handle)
         for kind, color in (("mjframes", "tab:blue"), ("flex", "tab:orange")):
-            best = front([row for row in outcome.rows if row.kind == kind], value)
+            best = front([row for row in outcome.rows if row.rival == kind], value)
             axes.plot([value(r) for r in best], [100 * r.error for r in best], color=color, linewidth=1, alpha=0.6)
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -67,10 +67,36 @@ def draw_scatter(path: Path, outcomes: Sequence[Outcome], value: Callable[[Row],
     _save(path, figure)
 
 
+def draw_survey(path: Path, verdicts: Sequence[Verdict], value: Callable[[Judged], float], label: str) -> None:
+    """Errors of the defaults, of the static loads and of pushes, and of the paper's method against a value of each."""
+    from matplotlib.figure import Figure
+
+    curves: tuple[tuple[str, str, Callable[[Verdict, Judged], float], str, str], ...] = (
+        ("defaults, weight and ends", WHOLE_BODY, lambda verdict, row: verdict.bounded(row), "tab:blue", "o"),
+        ("defaults, pushes on 5 %", WHOLE_BODY, lambda _, row: row.push("5%"), "tab:green", "s"),
+        ("the paper's method, weight and ends", PAPER, lambda verdict, row: verdict.bounded(row), "0.4", "x"),
+    )
+    figure, panels = _panels(Figure, len(verdicts))
+    seen: dict[str, object] = {}
+    for axes, verdict in zip(panels, verdicts, strict=True):
+        for name, method, error, color, marker in curves:
+            rows = verdict.of(method)
+            across, up = [value(row) for row in rows], [100 * error(verdict, row) for row in rows]
+            seen[name] = axes.plot(across, up, color=color, marker=marker, markersize=4, linewidth=1)[0]
+        bound = 100 * verdict.body.bound
+        seen["bound at 5 frames"] = axes.axhline(bound, color="tab:red", linewidth=0.8, linestyle=":")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_ylim(0.3, 200)
+        axes.set_xlabel(label, fontsize="small")
+        _title(axes, verdict.body.title + (", against the same mesh" if verdict.body.same_mesh else ""))
+    figure.supylabel("relative L2 error of the displacements, worst load [%]", fontsize="medium")
+    figure.legend(list(seen.values()), list(seen), loc="outside lower center", ncols=4, fontsize="small")
+    _save(path, figure)
+
+
 def _legend(row: Row) -> str:
-    if row.kind == "flex" or row.family.startswith("paper"):
-        return row.family
-    return f"mjframes {row.family.split(',')[0]}" + (", relaxed" if "relaxed" in row.family else ", not relaxed")
+    return row.family if row.kind == "flex" or row.family.startswith("paper") else f"mjframes {row.family}"
 
 
 def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
@@ -85,8 +111,7 @@ def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
             color, marker = style(slope.family)
             (line,) = axes.plot(
                 [row.dofs for row in rows], [100 * row.error for row in rows], marker=marker, markersize=3.5,
-                color=color, linewidth=1, linestyle=LINES.get(_kernel(slope.family), "-"),
-                alpha=1.0 if "relaxed" in slope.family or slope.family.startswith("flex") else 0.35,
+                color=color, linewidth=1,
             )  # fmt: skip
             seen.setdefault(slope.family, line)
         axes.set_xscale("log")
@@ -98,13 +123,6 @@ def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
     figure.supylabel("relative L2 error of the displacements [%]", fontsize="medium")
     figure.legend(list(seen.values()), list(seen), loc="outside lower center", ncols=4, fontsize="x-small")
     _save(path, figure)
-
-
-LINES = {"voronoi": "-", "voronoi 2": "-.", "harmonic": "--", "linear": ":"}
-
-
-def _kernel(family: str) -> str:
-    return family.split(", ")[1] if ", " in family else ""
 
 
 def draw_shapes(path: Path, outcomes: Sequence[Outcome]) -> None:
@@ -194,7 +212,8 @@ def _panels(figure_type: Callable, count: int) -> tuple:
 def _title(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize="small", loc="left", wrap=True)
     axes.grid(alpha=0.3, which="both", linewidth=0.4)
-    axes.tick_params(labelsize=7)
+    axes.tick_params(which="major", labelsize=7)
+    axes.tick_params(which="minor", labelsize=5)
 
 
 def _save(path: Path, figure) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
@@ -106,12 +106,20 @@ def _solve(case: Case) -> dict[str, Array]:
 
 def linear_solution(mesh: Bricks, low: Bricks, load: Array) -> Array:
     """Displacements (N, 3) [m] under forces (n, 3) [N]; low: bricks of order 1 with the same nodes."""
+    return next(linear_solutions(mesh, low, [load]))
+
+
+def linear_solutions(
+    mesh: Bricks, low: Bricks, loads: Iterable[Array], tolerance: float = TOLERANCE
+) -> Iterator[Array]:
+    """The same for many loads on one body; those of a free one are in balance."""
     moving = mesh.moving
     matrix = linear_stiffness(mesh)[moving][:, moving]
-    rough = matrix if low is mesh else linear_stiffness(low)[moving][:, moving]
-    moved = np.zeros(len(moving))
-    moved[moving] = solve(matrix, preconditioner(rough, mesh), nodal_load(mesh, load).ravel()[moving])
-    return moved.reshape(-1, 3)
+    inverse = preconditioner(matrix if low is mesh else linear_stiffness(low)[moving][:, moving], mesh)
+    for load in loads:
+        moved = np.zeros(len(moving))
+        moved[moving] = solve(matrix, inverse, nodal_load(mesh, load).ravel()[moving], tolerance)
+        yield moved.reshape(-1, 3)
 
 
 def nonlinear_solution(mesh: Bricks, low: Bricks, load: Array) -> Array:

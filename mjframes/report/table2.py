@@ -1,4 +1,4 @@
-"""The paper's Table 2 again: precomputation and steps per second of its models, the paper's numbers beside them.
+"""The paper's Table 2 again: precomputation and steps per second of its models by its own method, its numbers beside.
 
 Models that are neither at hand nor given are left out; `mjframes.report.models` says what stands for the paper's.
 """
@@ -12,7 +12,7 @@ from statistics import median
 
 import mujoco
 
-from mjframes.bench import SOFT, STEPS, measure_builds, measure_steps, prepare_runs
+from mjframes.bench import SOFT, STEPS, Size, measure_builds, measure_steps, prepare_runs
 from mjframes.errors import MjframesError
 from mjframes.report.models import volume_of
 from mjframes.video import make_renderer
@@ -57,15 +57,18 @@ def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], Non
         volume = volume_of(model, files)
         if volume is None:
             continue
-        sizes = [(frames, samples) for name, frames, samples in PAPER if name == model]
+        sizes = [Size(frames, samples) for name, frames, samples in PAPER if name == model]
         bodies, buildings = measure_builds(volume, sizes, 1 if quick or model != "steak" else 3)
         for size, body, building in zip(sizes, bodies, buildings, strict=True):
+            frames, samples = size
+            assert samples is not None
             run = next(run for run in prepare_runs(body, volume, size, STEPS) if run.name == SOFT)
             (speed,) = measure_steps([run], 3, STEPS)
             lines.append(
                 Line(
                     model,
-                    *size,
+                    frames,
+                    samples,
                     len(body.skin.vertices),
                     body.voxels,
                     building.total,

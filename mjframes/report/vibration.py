@@ -87,12 +87,12 @@ def vibrations(case: Case, known: Reference, flex: FlexProcess | None, quick: bo
     """Of some contenders; those that do not build are left out."""
     first, times, exact = exact_vibration(case, known)
     found: list[Vibration] = []
-    sizes = (1, 4) if quick else (1, 2, 4, 8)
+    sizes = (3, 5) if quick else (3, 5, 10)
     cells = ((4, 1, 1), (8, 2, 2)) if quick else ((4, 1, 1), (8, 2, 2), (16, 4, 4))
     entries = [
-        ("mjframes", Setting(frames, kind, "linear", mass=mass))
-        for kind in ("affine", "quadratic")
-        for mass in ("lumped", "consistent")
+        ("mjframes", Setting(frames, mass=mass, by_hand=by_hand))
+        for by_hand in (False, True)
+        for mass in ("consistent", "lumped")
         for frames in sizes
     ]
     entries += [
