@@ -74,7 +74,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         default="corotational", help="of elasticity (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
-        "--mass", choices=("lumped", "consistent"), default="consistent", help="mass matrix (default %(default)s)"
+        "--mass", choices=("lumped", "consistent"), help="mass matrix (default: what suits the frame types)"
     )
     command.add_argument(
         "--mode", choices=("implicit", "explicit"), default="implicit",

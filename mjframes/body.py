@@ -35,6 +35,7 @@ from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind
 from mjframes.whole_body.build import WholeBody, finite_elements, whole_body
 from mjframes.whole_body.cells import Cells
+from mjframes.whole_body.contrast import firm_as_rigid
 from mjframes.whole_body.count import fewest_frames
 from mjframes.whole_body.error import BodyError
 
@@ -148,7 +149,7 @@ def build(
     subdivisions: int = 1,
     law: str = COROTATIONAL,
     law_constants: Mapping[int, Mapping[str, float]] | None = None,
-    mass: str = "consistent",
+    mass: str | None = None,
     mode: str = "implicit",
     damping: tuple[float, float] = (0.0, 0.0),
     contact_radius: float | None = None,
@@ -170,7 +171,7 @@ def build(
     weights: "voronoi" kernels with `subdivisions` ≥ 1, "harmonic" or "linear" ones.
     law: "corotational", or one for large strains: "green_lagrange", "neo_hookean", "mooney_rivlin" or "arruda_boyce",
     with their constants by label where those of Young's modulus and Poisson's ratio will not do.
-    mass: "consistent" or "lumped".
+    mass: "consistent" or "lumped"; unless given, consistent where all frames are affine ones or points.
     mode: "implicit", stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the
     stiffest vibration.
     damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
@@ -188,7 +189,7 @@ def build(
     for name, value, choices in (
         ("method", method, tuple(METHODS)),
         ("metric", metric, (None, EVEN, COMPLIANCE)),
-        ("mass", mass, MASSES),
+        ("mass", mass, (None, *MASSES)),
         ("law", law, (COROTATIONAL, *LAWS)),
         ("mode", mode, MODES),
     ):
@@ -222,6 +223,8 @@ def build(
         )
     require_connected(volume)
     progress("listing the voxels")
+    if method == WHOLE_BODY:
+        volume = firm_as_rigid(volume)
     grid = voxel_grid(volume)
     shaped = evened(grid) if metric == EVEN else grid
     cores, links = held_cores(grid, fixed, attached)
@@ -260,7 +263,9 @@ def build(
         progress("placing the quadrature points")
         points = quadrature(grid, shapes, placement.regions, placement.tree)
     difference: tuple[np.ndarray, ...] = ()
-    if mass == "consistent":
+    # bodies that turn gain energy from mass that MuJoCo does not know of; that of several quadratic frames is singular
+    slides = all(name in ("affine", "point") for name in placement.types[len(links) :])
+    if mass == "consistent" or (mass is None and slides):
         difference = mass_difference(grid, shaped, shapes, region, stiffness)
     progress("attaching the surfaces")
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)

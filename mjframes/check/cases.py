@@ -61,6 +61,7 @@ KINDS = (
     Kind("rigid frames", frames="rigid"),
     Kind("rigid frames, implicit", frames="rigid", integrator="implicit"),
     Kind("the paper's method", method=PAPER),
+    Kind("the paper's method, neo-hookean", "neo_hookean", "quadratic", method=PAPER),
 )
 
 
