@@ -313,7 +313,7 @@ def build(
             lifting=made.lifting if made else None,
             error=made.where if made else None,
             region=region,
-            seeds=placement.seeds,
+            seeds=tuple(some.astype(np.int64) for some in placement.seeds),
             metric=metric,
         ),
     )

@@ -1,4 +1,4 @@
-"""The frames of a body: where they are, their weights, their order in the tree, their control points (the paper, §4)."""
+"""The frames of a body: their places, their weights, their order in the tree, their control points (the paper, §4)."""
 
 from __future__ import annotations
 

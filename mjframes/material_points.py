@@ -7,7 +7,7 @@
 
 W_j are those that move the surfaces, Φ T what the body moves beyond them (whole_body/lifting.py), where that is known.
 Slopes are those of the nearest voxel, inside its region and its material.
-Index letters: n material point; j control point; r, s rows; a, b columns; q mode. The plugin's sensors compute the same.
+Index letters: n material point; j control point; r, s rows; a, b columns; q mode. The sensors compute the same.
 """
 
 from __future__ import annotations

@@ -226,7 +226,7 @@ def penetration(data: mujoco.MjData) -> float:
 
 
 def kinetic_energy(model: mujoco.MjModel, data: mujoco.MjData, qvel: np.ndarray) -> float:
-    """Of all bodies and armatures, as MuJoCo knows their masses [J].  qvel: (nv,), the one that data's `cvel` was made from."""
+    """Of all bodies and armatures, as MuJoCo knows their masses [J].  qvel: (nv,), that of data's `cvel`."""
     velocity = _center_velocities(model, data)
     spin = np.einsum("bji,bj->bi", data.ximat.reshape(-1, 3, 3), data.cvel[:, :3])
     linear = model.body_mass @ (velocity**2).sum(axis=1)

@@ -1,9 +1,9 @@
 """The kinematic tree as the elimination tree of the frames (sparse Cholesky's, George and Liu 1981; the paper's (7)).
 
-Frames that move the same voxels are coupled. MuJoCo's mass matrix stores ancestor–descendant pairs only and factors them from
-the leaves up, without fill; in an elimination tree every coupled pair, and every pair that elimination couples, is such
-a pair. The order of elimination is nested dissection by level sets or minimum degree, whichever gives the smallest
-Σ_i depth_i², which is what factorization costs.
+Frames that move the same voxels are coupled. MuJoCo's mass matrix stores ancestor–descendant pairs only and factors
+them from the leaves up, without fill; in an elimination tree every coupled pair, and every pair that elimination
+couples, is such a pair. The order of elimination is nested dissection by level sets or minimum degree, whichever
+gives the smallest Σ_i depth_i², which is what factorization costs.
 """
 
 from __future__ import annotations

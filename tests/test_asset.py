@@ -44,6 +44,7 @@ def test_a_soft_body_comes_back_to_the_bit(saved: Path) -> None:
     assert original.fields.lifting is not None
     assert original.fields.error is not None
     assert loaded.fields.lifting is not None
+    assert loaded.fields.error is not None
     assert abs(loaded.fields.correction - original.fields.correction).max() < 2e-7
     np.testing.assert_allclose(loaded.fields.lifting.mode, original.fields.lifting.mode, atol=5e-4)
     np.testing.assert_allclose(loaded.fields.error, original.fields.error, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""The patch test of the paper's method: a uniform strain of a body of several materials costs what Hooke's law says, whatever the frames.
+"""The paper's patch test: a uniform strain of several materials costs what Hooke's law says, whatever the frames.
 
 With Σ_i w_i = 1 a frame that can be strained reproduces u = G p with any weights. One that cannot, only with weights
 that reproduce their coordinate, and only strains along it: hats along x and G = g e_xᵀ. Of one material, as between

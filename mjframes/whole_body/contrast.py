@@ -1,4 +1,4 @@
-"""Materials beside which others are nothing: a piece of them that strains at all has energy for any of their motions."""
+"""Materials beside which others are nothing: a strain of theirs that is rounding has energy for any motion of these."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def firm_as_rigid(volume: Volume) -> Volume:
     for label, material in firm.items():
         warnings.warn(
             f"material {material.name or label!r} is {material.young / soft:.0e} times as stiff as the softest and is "
-            "taken as rigid; the whole body's stiffness resolves a million times. To let it bend, choose method='paper'.",
+            "taken as rigid; the whole body's stiffness resolves a million times. To let it bend, "
+            "choose method='paper'.",
             RigidWarning,
             stacklevel=3,
         )
