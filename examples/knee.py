@@ -61,7 +61,7 @@ def knee_at_rest() -> Knee:
     """Someone sitting: the femur is part of the world."""
     volume = mf.Volume.from_labels(MODELS / "knee.npz")
     femur = mf.Fixed(volume.labels == FEMUR)
-    body = mf.build(volume, at=FRAMES, subdivisions=2, fixed=[femur], damping=(3.0, 0.02))
+    body = mf.build(volume, at=FRAMES, method="paper", samples=200, subdivisions=2, fixed=[femur], damping=(3.0, 0.02))
     spec = mujoco.MjSpec()
     spec.option.timestep = 0.005
     spec.visual.headlight.ambient = [0.5, 0.5, 0.5]

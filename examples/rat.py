@@ -27,7 +27,7 @@ from mjframes.video import film
 
 Array = NDArray[np.float64]
 
-VOXELS, FREE, SAMPLES = 60_000, 11, 230
+VOXELS, FREE = 60_000, 11
 FLESH = mf.Material(young=5e3, poisson=0.45, density=1000, name="flesh", rgba=(0.75, 0.66, 0.6, 1))
 BONES = {  # link of the rodent: its bones' size, of that of its geoms, which reach to the skin in most places
     "torso": 0.8, "pelvis": 0.7, "skull": 0.9,
@@ -108,7 +108,7 @@ def rat() -> tuple[mf.SoftBody, mujoco.MjModel]:
     data = mujoco.MjData(bare)
     mujoco.mj_forward(bare, data)
     volume = skin_volume(bare, data)
-    body = mf.build(volume, FREE, SAMPLES, attached=bones(bare, data, volume), damping=(0.0, 0.005))
+    body = mf.build(volume, FREE, attached=bones(bare, data, volume), damping=(0.0, 0.005))
     spec.delete(spec.skins[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BranchWarning)  # legs and spine are different branches

@@ -303,7 +303,8 @@ def measure_steps(runs: Sequence[Run], rounds: int, steps: int) -> tuple[Speed, 
 def measure_cost(volume: Volume, size: Size, law: str, rounds: int, steps: int) -> Cost:
     """The four models of a size with elasticity of that law."""
     body = build(volume, **size.options, law=law)
-    points = float(np.mean([len(some) for some in body.quadrature.volume])) if body.quadrature else 0.0
+    of_law = body.quadrature or body.cells
+    points = float(np.mean([len(some) for some in of_law.volume])) if of_law else 0.0
     return Cost(law, points, measure_steps(prepare_runs(body, volume, size, steps), rounds, steps))
 
 

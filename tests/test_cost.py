@@ -15,5 +15,5 @@ from mjframes.volume import Volume
 def test_elasticity_is_cheap_beside_contacts(law: str, bound: float) -> None:
     cost = bench.measure_cost(Volume.from_labels(bench.VOLUME), bench.Size(3), law, rounds=5, steps=300)
     if law != "corotational":
-        assert cost.points >= 4
+        assert cost.points >= 1
     assert 1 < cost.over_no_elasticity < bound
