@@ -126,7 +126,7 @@ def test_the_defaults_follow_a_sandwich_and_the_papers_method_does_not(layers: V
     assert defaults.static < 0.3
     assert abs(defaults.frequency) < 0.10
     assert papers.static > 0.9
-    assert layers.promised == (defaults.static, "weight along x", False)
+    assert layers.promised == (defaults.static, "pull", False)
     assert not layers.refused
 
 
