@@ -201,6 +201,8 @@ def build(
         raise MjframesError("more than one of frames, at and error is given; give one of them.")
     if frames is None and at is None and error is None:
         raise MjframesError("none of frames, at and error is given; give a number of frames, as frames=5.")
+    if frames == 0:
+        raise MjframesError("frames is 0; a body needs one or more besides what holds it.")
     metric = metric or METHODS[method]
     if method == PAPER:
         samples = SAMPLES if samples is None else samples

@@ -88,9 +88,10 @@ def _distribute(grid: Grid, frames: int | None, seed: int, seeds: Seeds) -> Seed
     pieces = np.setdiff1d(grid.piece[rigid], grid.piece[taken])
     sizes = np.bincount(grid.piece[rigid])[pieces] if len(pieces) else pieces
     room = len(pieces) + int(np.count_nonzero(grid.piece < 0) - np.count_nonzero(grid.piece[taken] < 0))
-    if not isinstance(frames, (int, np.integer)) or not 1 <= frames <= room:
+    fewest = 0 if seeds else 1
+    if not isinstance(frames, (int, np.integer)) or not fewest <= frames <= room:
         raise MjframesError(
-            f"frames is {frames!r}; it must be an integer from 1 to {room}, one a soft voxel or rigid piece."
+            f"frames is {frames!r}; it must be an integer from {fewest} to {room}, one a soft voxel or rigid piece."
         )
     by_piece = rigid[np.argsort(grid.piece[rigid], kind="stable")]
     ends = np.searchsorted(grid.piece[by_piece], pieces + 1)
