@@ -23,6 +23,7 @@ from rich.progress import track
 
 from mjframes import plugin, view
 from mjframes.errors import MjframesError
+from mjframes.mjcf import changed_masses
 
 PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft.cc)
 RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of some megabytes
@@ -123,6 +124,10 @@ def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjS
                     raise
                 plugin.load()
                 spec = mujoco.MjSpec.from_file(os.fspath(path))
+            if any(other.plugin_name == plugin.NAME for other in spec.plugins) and (
+                why := changed_masses(spec.compiler)
+            ):
+                raise MjframesError(f"{path}: the scene has soft bodies, and {why}.")
             return spec.compile(), spec
         except MjframesError:
             raise
@@ -153,6 +158,8 @@ def record(
     if not (math.isfinite(duration) and duration > 0):
         raise MjframesError(f"duration is {duration!r}; it must be a positive time in seconds.")
     timestep = model.opt.timestep
+    if not (math.isfinite(timestep) and timestep > 0):
+        raise MjframesError(f"the scene's timestep is {timestep!r}; it must be a positive time in seconds, as 0.002.")
     steps = max(1, round(duration / timestep))
     stride = math.ceil(steps / RECORDS)
     depth = np.zeros(steps)

@@ -180,6 +180,12 @@ def test_missing_packages_are_named(module: str, keys: dict, extra: str, monkeyp
         record(model_of(SCENE), 0.1, **keys)
 
 
+@pytest.mark.parametrize("timestep", [0.0, -0.001])
+def test_a_timestep_that_is_none_is_refused(timestep: float) -> None:
+    with pytest.raises(MjframesError, match=rf"^the scene's timestep is {timestep}; it must be a positive time"):
+        record(model_of(f'<mujoco><option timestep="{timestep}"/></mujoco>'), 1.0)
+
+
 def test_load_scene(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(SCENE)
