@@ -9,10 +9,11 @@ import zlib
 from dataclasses import asdict
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from scipy import sparse
 
 from mjframes.body import ContactSpheres, Skin, SoftBody
-from mjframes.constants import FORMAT_VERSION
+from mjframes.constants import FORMAT_VERSION, KIND
 from mjframes.control import ControlPoints
 from mjframes.errors import MjframesError
 from mjframes.fields import pack_fields, unpack_fields
@@ -24,7 +25,6 @@ from mjframes.stiffness import Stiffness
 from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.error import BodyError
 
-KIND = "mjframes soft body"
 LATTICE = ("spacing", "origin", "shape", "node", "distance", "patch", "spheres")  # and its weights
 
 
@@ -83,6 +83,15 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
     arrays |= pack_fields(body.fields)
     with replacing(path, "the soft body") as partial, open(partial, "wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def is_soft_body(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a saved soft body, of whatever version."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return isinstance(file, NpzFile) and str(file.get("kind")) == KIND
+    except (OSError, zipfile.BadZipFile, zlib.error, ValueError, EOFError):
+        return False
 
 
 def load(path: str | os.PathLike[str]) -> SoftBody:

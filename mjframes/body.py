@@ -8,6 +8,7 @@ The stiffness is that of the whole body (`whole_body`), or the paper's: sums ove
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -111,6 +112,15 @@ class SoftBody:
     voxels: int
     error: BodyError | None
     fields: Fields
+
+    def __repr__(self) -> str:
+        types = ", ".join(f"{count} {name}" for name, count in Counter(self.types).items())
+        held = f", {self.held} of them held" if self.held else ""
+        error = f"; error: {self.error}" if self.error else ""
+        return (
+            f"<SoftBody of {len(self.parent)} frames ({types}{held}), {len(self.stiffness.points)} regions, "
+            f"{self.voxels} voxels, {self.control.mass.sum():.3g} kg; {self.law}, {self.mode}{error}>"
+        )
 
     @property
     def shapes(self) -> ShapeFunctions:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjframes.arguments import command_line
-from mjframes.errors import MjframesError
+from mjframes.errors import MjframesError, Notice
 
 if TYPE_CHECKING:
     from mjframes.volume import Volume
@@ -208,15 +208,13 @@ def largest_piece(volume: Volume) -> Volume:
 
 @contextmanager
 def printed_notices() -> Iterator[None]:
-    """Prints what is said of imperfect meshes in this block, a line each, and leaves other warnings alone."""
-    from mjframes.meshes import MeshWarning
-
+    """Prints the notices given in this block, a line each, and leaves other warnings alone."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MeshWarning)
+        warnings.simplefilter("always", Notice)
         try:
             yield
         finally:
-            notices = [str(warning.message) for warning in caught if issubclass(warning.category, MeshWarning)]
+            notices = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
     for notice in notices:
         print(f"mjframes: {notice}", file=sys.stderr)
 

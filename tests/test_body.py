@@ -142,3 +142,9 @@ def test_wrong_arguments_are_named(wrong: str) -> None:
 def test_a_rigid_body_needs_one_frame() -> None:
     body = build(Volume.from_labels(np.ones((3, 3, 3), int), 0.01, {1: BONE}), 1)
     assert len(body.control.mass) == 4
+
+
+def test_a_body_is_shown_in_a_line() -> None:
+    assert re.fullmatch(
+        r"<SoftBody of 4 frames \(4 affine\), \d+ regions, \d+ voxels, .* kg; .*error: .*>", repr(lump())
+    )
