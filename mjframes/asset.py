@@ -9,7 +9,6 @@ import zlib
 from dataclasses import asdict
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 from scipy import sparse
 
 from mjframes.body import ContactSpheres, Skin, SoftBody
@@ -88,9 +87,9 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
 def is_soft_body(path: str | os.PathLike[str]) -> bool:
     """Whether a file is a saved soft body, of whatever version."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return isinstance(file, NpzFile) and str(file.get("kind")) == KIND
-    except (OSError, zipfile.BadZipFile, zlib.error, ValueError, EOFError):
+        with zipfile.ZipFile(path) as archive, archive.open("kind.npy") as file:
+            return str(np.lib.format.read_array(file, allow_pickle=False)) == KIND
+    except (OSError, KeyError, zipfile.BadZipFile, zlib.error, ValueError, EOFError):
         return False
 
 

@@ -11,3 +11,4 @@ RIGID_POISSON = 0.3  # [-] cortical bone
 NEGLIGIBLE_WEIGHT = 1e-3  # [-] smaller weights are dropped: a displacement error of a thousandth of the frame's own
 
 MOST_CELLS = 2**31 - 1  # of a grid: later stages number its cells with int32
+UP = ("x", "y", "z", "-x", "-y", "-z")  # axes of a file that may point up

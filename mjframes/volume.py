@@ -17,7 +17,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import ArrayLike, NDArray
 
-from mjframes.constants import MOST_CELLS, VOLUME_VERSION
+from mjframes.constants import MOST_CELLS, UP, VOLUME_VERSION
 from mjframes.errors import MjframesError
 from mjframes.hull import in_convex_hull
 from mjframes.images import LabelImage, read_image, write_materials
@@ -65,7 +65,7 @@ class Volume:
         axes = np.asarray(self.axes)
         if axes.shape != (3, 3) or not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6) or np.linalg.det(axes) < 0:
             raise MjframesError(f"axes are {axes.tolist()}; they must be a proper rotation matrix.")
-        _check_materials(_occurring(labels), self.materials)
+        _check_materials(occurring(labels), self.materials)
 
     @classmethod
     def from_labels(
@@ -76,6 +76,7 @@ class Volume:
         origin: ArrayLike | None = None,
         drop_unknown: bool = False,
         crop: bool = False,
+        up: str = "z",
     ) -> Volume:
         """A volume from an array of labels or from a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd).
 
@@ -84,7 +85,7 @@ class Volume:
         materials: one for every label that occurs; a file saved with materials needs none, or has them replaced.
         origin: (3,) [m], corner of voxel (0, 0, 0); default the file's, else 0.
         drop_unknown: labels without a material are outside, such as a segmentation's noise; else they are refused.
-        crop: whether to leave out, on all sides, slices with nothing inside.
+        crop: whether to leave out, on all sides, slices with nothing inside.  up: see `upright`.
         An image's coordinates are kept as they are, but that those of an anatomy are RAS, x to the right and y to the
         front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage by their headers). Where its axes are
         left-handed, one array axis is reversed; sheared axes are refused.
@@ -102,7 +103,7 @@ class Volume:
         low, high = _box(image.labels, set(found) if drop_unknown else None) if crop else (np.zeros(3, int), shape)
         array = _shrink(source, image.labels[tuple(map(slice, low, high))])
         if (step := image.spacing if spacing is None else spacing) is None:
-            missing = [] if drop_unknown else [label for label in _occurring(array) if label not in found]
+            missing = [] if drop_unknown else [label for label in occurring(array) if label not in found]
             more = f" Besides, {_without_material(missing)}" if missing else ""
             raise MjframesError(
                 f"{source}spacing is missing; pass spacing= or --spacing, the edge of a voxel in metres.{more}"
@@ -121,11 +122,12 @@ class Volume:
         if origin is not None:
             corner = _vector("origin", origin)
         if drop_unknown:
-            array[np.isin(array, list(set(_occurring(array)) - set(found)))] = 0
+            array[np.isin(array, list(set(occurring(array)) - set(found)))] = 0
         try:
-            return cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found))
+            whole = cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found))
         except MjframesError as error:
             raise MjframesError(f"{source}{error}") from error
+        return whole.upright(up)
 
     @classmethod
     def from_meshes(
@@ -136,6 +138,7 @@ class Volume:
         voxels: int | None = None,
         fill: Material | None = None,
         scale: float = 1.0,
+        up: str = "z",
     ) -> Volume:
         """A volume from surface meshes, each of one material; where they overlap, the later one wins.
 
@@ -144,7 +147,8 @@ class Volume:
         spacing: voxel size [m], one number or three; or else voxels: about how many voxels to have inside, 20,000 where
         neither is given.
         fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
-        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it.
+        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it and for
+        up: the axis of the meshes that points up, see `upright`.
         Warns (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
         The voxels are kept on disk (`mjframes.cache`) until a mesh or an argument changes; warnings are given again.
         Raises MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
@@ -182,12 +186,13 @@ class Volume:
         for notice in known["notices"].tolist():
             warnings.warn(notice, MeshWarning, stacklevel=2)
         labels, origin, step = known["labels"], known["origin"], known["spacing"]
-        present = set(_occurring(labels))
-        return cls(labels, step, origin, np.eye(3), {i: m for i, m in enumerate(materials, 1) if i in present})
+        present = set(occurring(labels))
+        inside = {i: material for i, material in enumerate(materials, 1) if i in present}
+        return cls(labels, step, origin, np.eye(3), inside).upright(up)
 
     def __repr__(self) -> str:
         nx, ny, nz = self.labels.shape
-        names = ", ".join(f"{label}: {self.materials[label].name or 'unnamed'}" for label in _occurring(self.labels))
+        names = ", ".join(f"{label}: {self.materials[label].name or 'unnamed'}" for label in occurring(self.labels))
         size = " × ".join(f"{length * 1e3:.3g}" for length in self.labels.shape * self.spacing)
         return f"<Volume of {nx} × {ny} × {nz} voxels, {size} mm; {np.count_nonzero(self.labels)} inside; {names}>"
 
@@ -234,17 +239,32 @@ class Volume:
             centers = extents[a] / 2 + (np.arange(count) - (count - 1) / 2) * step
             places.append(np.clip((centers / self.spacing[a]).astype(int), 0, some.shape[a] - 1))
         labels = some[np.ix_(*places)]
-        if lost := sorted(set(_occurring(self.labels)) - set(_occurring(labels))):
+        if lost := sorted(set(occurring(self.labels)) - set(occurring(labels))):
             raise MjframesError(f"label {lost[0]} has parts too thin for {voxels} voxels and vanishes; take more.")
         corner = self.origin + self.axes @ (low * self.spacing + (extents - np.array(labels.shape) * step) / 2)
         return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
+
+    def upright(self, up: str) -> Volume:
+        """The volume turned about the origin so that what was along the axis `up` ("y", "-x", …) is along z.
+
+        Many programs write meshes with y up, in MuJoCo it is z.
+        """
+        if up not in UP:
+            raise MjframesError(f"up is {up!r}; it must be one of {', '.join(map(repr, UP))}.")
+        if up == "z":
+            return self
+        turn = np.zeros((3, 3))
+        turn[2, "xyz".index(up[-1])] = -1 if up[0] == "-" else 1
+        turn[0] = [0, 1, 0] if up[-1] == "x" else [1, 0, 0]
+        turn[1] = np.cross(turn[2], turn[0])
+        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
 
     def filled(self, material: Material) -> Volume:
         """The volume with `material` in all of its convex hull that was outside: flesh around bones.
 
         It gets the label after the highest one, of those present and those with a material.
         """
-        label = max(*_occurring(self.labels), *self.materials) + 1
+        label = max(*occurring(self.labels), *self.materials) + 1
         if label > LARGEST_LABEL:
             raise MjframesError(f"the highest label is {label - 1}; the next, for what is filled, is too large.")
         labels = self.labels.astype(np.promote_types(self.labels.dtype, np.min_scalar_type(label)))
@@ -279,7 +299,8 @@ def _components(labels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int32],
     return pieces, sizes[1:]
 
 
-def _occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
+def occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
+    """The labels of the voxels inside, ascending."""
     if labels.dtype.itemsize <= 2:
         seen = np.zeros(np.iinfo(labels.dtype).max + 1, bool)
         for slab in _slabs(labels):

@@ -534,9 +534,9 @@ def test_knee_with_oblique_axes() -> None:
     np.testing.assert_allclose(volume.spacing, [3.6458e-4, 3.6458e-4, 7e-4], rtol=1e-4)
     assert np.linalg.det(volume.axes) == pytest.approx(1)
     header = np.array([[-0.03177554, 0.36319598, 0], [0, 0, -0.36458333], [-0.69733626, -0.06100903, 0]]).T
-    np.testing.assert_allclose(volume.axes * volume.spacing, 1e-3 * header, atol=1e-9)
+    np.testing.assert_allclose(volume.axes * volume.spacing, 1e-3 * np.diag([-1, -1, 1]) @ header, atol=1e-9)
     center = volume.origin + volume.axes @ volume.spacing / 2
-    np.testing.assert_allclose(center, [-6.6536341e-3, -77.413532e-3, 70e-3], atol=1e-9)
+    np.testing.assert_allclose(center, [6.6536341e-3, 77.413532e-3, 70e-3], atol=1e-9)
     assert [(volume.labels == label).sum() for label in (1, 5, 10)] == [127311, 1532154, 25228]
 
 
