@@ -7,7 +7,13 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NoReturn
 
+from mjframes.constants import UP
 from mjframes.errors import MjframesError
+
+BUILDING = (  # what says how a body is built, and so nothing to one that is
+    "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
+    "drop_unknown", "largest", "frame_type", "law", "mass", "mode", "damping", "weights", "subdivisions", "seed",
+)  # fmt: skip
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,9 +35,26 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         nargs="+",
         metavar="FILE",
         help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd; 0 is outside) "
-        "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order",
+        "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order; "
+        "or a soft body (.npz) that is built already",
     )
     command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
+    places = command.add_mutually_exclusive_group()
+    places.add_argument(
+        "--into", metavar="SCENE", help="put it into a copy of this scene (.xml), or name that as output"
+    )
+    places.add_argument(
+        "--fragment", action="store_true", help="the body alone, for MJCF's <attach>: no floor, light or camera"
+    )
+    command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
+    command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
+    command.add_argument(
+        "--pos",
+        type=_place,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="in that body [m] (default 0,0,0); --pos=-1,0,0",
+    )
     wanted = command.add_mutually_exclusive_group()
     wanted.add_argument("--frames", type=_count, metavar="N", help="number of frames (default 3)")
     wanted.add_argument(
@@ -59,10 +82,15 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument(
         "--spacing", type=_spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
     )
-    command.add_argument("--voxels", type=_count, metavar="N", help="about how many voxels to have inside")
+    command.add_argument(
+        "--voxels", type=_count, metavar="N", help="about how many voxels to have inside (meshes: 20000)"
+    )
     units = command.add_mutually_exclusive_group()
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
     units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
+    command.add_argument(
+        "--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s); --up=-y"
+    )
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
@@ -94,9 +122,10 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--subdivisions", type=_count, default=1, metavar="N", help="of the Voronoi kernels (default %(default)s)"
     )
     command.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="of the frame placement (default %(default)s)"
+        "--seed", type=_seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
     command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    command.set_defaults(building={name: command.get_default(name) for name in BUILDING})
 
     command = commands.add_parser("inspect", help="draw what build computed: stiffness, distance, weights, regions")
     command.set_defaults(command=functions["inspect"])
@@ -159,6 +188,22 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
+    return int(text)
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise argparse.ArgumentTypeError(f"{text!r} is not three coordinates in metres with commas between")
+    return x, y, z
 
 
 def _amount(text: str) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from mjframes.body import ContactSpheres, Skin, SoftBody
-from mjframes.constants import FORMAT_VERSION
+from mjframes.constants import FORMAT_VERSION, KIND
 from mjframes.control import ControlPoints
 from mjframes.errors import MjframesError
 from mjframes.fields import pack_fields, unpack_fields
@@ -24,7 +24,6 @@ from mjframes.stiffness import Stiffness
 from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.error import BodyError
 
-KIND = "mjframes soft body"
 LATTICE = ("spacing", "origin", "shape", "node", "distance", "patch", "spheres")  # and its weights
 
 
@@ -83,6 +82,15 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
     arrays |= pack_fields(body.fields)
     with replacing(path, "the soft body") as partial, open(partial, "wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def is_soft_body(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a saved soft body, of whatever version."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open("kind.npy") as file:
+            return str(np.lib.format.read_array(file, allow_pickle=False)) == KIND
+    except (OSError, KeyError, zipfile.BadZipFile, zlib.error, ValueError, EOFError):
+        return False
 
 
 def load(path: str | os.PathLike[str]) -> SoftBody:

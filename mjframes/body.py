@@ -7,6 +7,8 @@ The stiffness is that of the whole body (`whole_body`), or the paper's: sums ove
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -29,7 +31,7 @@ from mjframes.patches import group_patches
 from mjframes.quadrature import Quadrature, parameters, quadrature
 from mjframes.shape_functions import ShapeFunctions
 from mjframes.stiffness import Stiffness, region_stiffness
-from mjframes.supports import Attached, Fixed, held_cores
+from mjframes.supports import Attached, Fixed, held_cores, pieces
 from mjframes.surfaces import Surface, contact_points, extract_surface
 from mjframes.volume import Volume, require_connected
 from mjframes.weights import Kind
@@ -111,6 +113,15 @@ class SoftBody:
     error: BodyError | None
     fields: Fields
 
+    def __repr__(self) -> str:
+        types = ", ".join(f"{count} {name}" for name, count in Counter(self.types).items())
+        held = f", {self.held} of them held" if self.held else ""
+        error = f"; error: {self.error}" if self.error else ""
+        return (
+            f"<SoftBody of {len(self.parent)} frames ({types}{held}), {len(self.stiffness.points)} regions, "
+            f"{self.voxels} voxels, {self.control.mass.sum():.3g} kg; {self.law}, {self.mode}{error}>"
+        )
+
     @property
     def shapes(self) -> ShapeFunctions:
         """The control weights anywhere in the material."""
@@ -136,7 +147,7 @@ class SoftBody:
 
 
 def build(
-    volume: Volume,
+    volume: Volume | str | os.PathLike[str],
     frames: int | None = None,
     samples: int | None = None,
     *,
@@ -153,12 +164,12 @@ def build(
     mode: str = "implicit",
     damping: tuple[float, float] = (0.0, 0.0),
     contact_radius: float | None = None,
-    fixed: Sequence[Fixed] = (),
-    attached: Sequence[Attached] = (),
+    fixed: Fixed | Sequence[Fixed] = (),
+    attached: Attached | Sequence[Attached] = (),
     seed: int = 0,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> SoftBody:
-    """Build a soft body from a volume.
+    """Build a soft body from a volume, or from the file of one that has materials.
 
     frames: how many; or error: as many as it takes for `BodyError.largest` to be that small [-]; or at: (f, 3) where,
     in volume coordinates [m].
@@ -175,11 +186,21 @@ def build(
     mode: "implicit", stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the
     stiffest vibration.
     damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
-    fixed, attached: pieces that do not move in the body that the soft body is attached to, or that move with a named
-    one; each is a frame of its own, beside those asked for.
+    fixed, attached: one or more pieces that do not move in the body that the soft body is attached to, or that move
+    with a named one; each is a frame of its own, beside those asked for.
     progress: called with the name of each stage, and as "stage: 25%" within long ones.
     Raises MjframesError for a volume in several pieces and for values out of range.
     """
+    if isinstance(volume, (str, os.PathLike)):
+        volume = Volume.from_labels(volume)
+    if not isinstance(volume, Volume):
+        raise MjframesError(
+            f"volume is a {type(volume).__name__}; give a Volume, as Volume.from_labels(labels, spacing, materials)."
+        )
+    if not (isinstance(seed, (int, np.integer)) and seed >= 0):
+        raise MjframesError(f"seed is {seed!r}; it must be a whole number from 0 on.")
+    fixed = pieces("fixed", fixed, Fixed)
+    attached = pieces("attached", attached, Attached)
     try:
         alpha, beta = map(float, damping)
     except (TypeError, ValueError):
@@ -203,6 +224,11 @@ def build(
         raise MjframesError("none of frames, at and error is given; give a number of frames, as frames=5.")
     if frames == 0:
         raise MjframesError("frames is 0; a body needs one or more besides what holds it.")
+    if law == COROTATIONAL and law_constants:
+        raise MjframesError(
+            f"law_constants is {law_constants!r}, but the corotational law has none but those of the materials; leave "
+            f"it out, or choose law={LAWS[1]!r} or another."
+        )
     metric = metric or METHODS[method]
     if method == PAPER:
         samples = SAMPLES if samples is None else samples

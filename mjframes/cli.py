@@ -6,93 +6,116 @@ A mistake of the user ends in one sentence on stderr and exit code 2; files appe
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
+import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
 
 from mjframes.arguments import command_line
-from mjframes.errors import MjframesError
+from mjframes.errors import MjframesError, Notice
 
 if TYPE_CHECKING:
+    from mjframes.body import SoftBody
     from mjframes.volume import Volume
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     try:
-        arguments = command_line(COMMANDS).parse_args(argv)
-        return arguments.command(arguments)
+        with _terminable():
+            arguments = command_line(COMMANDS).parse_args(argv)
+            status = arguments.command(arguments)
+            sys.stdout.flush()
+            return status
     except MjframesError as error:
         print(f"mjframes: {error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        reason = f" ({error})" if str(error) else ""
+        print(
+            f"mjframes: there is not enough memory{reason}; take fewer voxels, as with --voxels, or fewer frames.",
+            file=sys.stderr,
+        )
+        return 2
+    except OSError as error:
+        what = "the results cannot be printed" if error.filename is None else f"{error.filename}: it cannot be used"
+        if error.filename is None:  # it is no file but stdout
+            _discard_stdout()
+        print(f"mjframes: {what} ({error.strerror or error}).", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("mjframes: interrupted.", file=sys.stderr)
         return 130
 
 
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Lets SIGTERM end what runs in this block as an exception does, so that no half-written file stays."""
+
+    def leave(number: int, frame: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():  # only that one may set a handler
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _discard_stdout() -> None:
+    """Lets what is still in stdout's buffer go nowhere: Python would complain of it once more at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def build(arguments: argparse.Namespace) -> int:
-    """Label image or meshes in, soft body (.npz) or scene (.xml) out."""
+    """Label image, meshes or soft body in, soft body (.npz) or scene (.xml) out."""
     output = Path(arguments.output)
     if output.suffix.lower() not in (".npz", ".xml"):
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
+    if output.suffix.lower() == ".npz" and (arguments.into or arguments.fragment):
+        raise MjframesError(f"{output}: --into and --fragment write MJCF; give the output the ending .xml.")
     import mujoco
     from rich.console import Console
 
-    from mjframes.body import build as build_body
+    from mjframes.asset import is_soft_body
     from mjframes.files import replacing
-    from mjframes.inputs import METRES, Materials, parse_fill, parse_material, read_materials, read_volume
-    from mjframes.scene import standalone_scene
+    from mjframes.scene import fragment, scene_with, standalone_scene, write_scene
 
-    materials = read_materials(arguments.materials) if arguments.materials else Materials()
-    materials = Materials(
-        materials.by_label | dict(map(parse_material, arguments.material)),
-        parse_fill(arguments.fill) if arguments.fill else materials.fill,
-    )
-    scale = METRES[arguments.unit] if arguments.unit else arguments.scale
     start = time.perf_counter()
     console = Console(stderr=True)
-    with replacing(output, "the output") as partial, console.status("reading the volume") as status:
-        with printed_notices():
-            volume = read_volume(
-                arguments.volume,
-                materials,
-                spacing=arguments.spacing,
-                voxels=arguments.voxels,
-                scale=scale,
-                drop_unknown=arguments.drop_unknown,
-            )
-        if arguments.largest:
-            volume = largest_piece(volume)
-        body = build_body(
-            volume,
-            frames=arguments.frames or (None if arguments.error else 3),
-            error=arguments.error,
-            samples=arguments.samples,
-            seed=arguments.seed,
-            frame_type=arguments.frame_type,
-            weights=arguments.weights,
-            subdivisions=arguments.subdivisions,
-            method=arguments.method,
-            law=arguments.law,
-            mass=arguments.mass,
-            mode=arguments.mode,
-            damping=arguments.damping,
-            progress=status.update,
-        )
+    with replacing(output, "the output") as partial, console.status("reading") as status:
+        built = any(map(is_soft_body, arguments.volume))
+        body = _loaded(arguments) if built else _built(arguments, status.update)
         status.update("writing")
-        spec = standalone_scene(body, volume, contact=arguments.contact)
         try:
+            if arguments.into:
+                spec = scene_with(
+                    body, arguments.into, arguments.name, arguments.parent, arguments.pos, arguments.contact
+                )
+            elif arguments.fragment:
+                spec = fragment(body, arguments.name, arguments.contact)
+            else:
+                spec = standalone_scene(body, body.fields.volume, arguments.name, arguments.contact)
             model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
+            if isinstance(error, MjframesError):
+                raise
             raise MjframesError(f"MuJoCo cannot compile the soft body ({' '.join(str(error).split())}).") from error
         if output.suffix.lower() == ".npz":
             body.save(str(partial))
         else:
-            partial.write_text(spec.to_xml(), encoding="utf-8")
+            write_scene(spec, partial)
     print(
         f"{output}: {len(body.parent)} frames, {len(body.stiffness.points)} regions, {body.voxels} voxels, "
         f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
@@ -100,6 +123,63 @@ def build(arguments: argparse.Namespace) -> int:
     if body.error:
         print(f"error: {body.error}")
     return 0
+
+
+def _loaded(arguments: argparse.Namespace) -> SoftBody:
+    """The soft body that is given.  Raises MjframesError for what does not go with it."""
+    from mjframes.body import SoftBody
+
+    path = arguments.volume[0]
+    if len(arguments.volume) > 1:
+        raise MjframesError(f"{arguments.volume[1]}: there is more than one file beside a soft body; give that alone.")
+    if changed := [name for name, default in arguments.building.items() if getattr(arguments, name) != default]:
+        raise MjframesError(
+            f"{path}: this is a soft body, built already, to which --{changed[0].replace('_', '-')} does nothing; "
+            "leave that out, or build from the volume or meshes again."
+        )
+    if Path(arguments.output).suffix.lower() == ".npz":
+        raise MjframesError(f"{path}: this is a soft body already; give the output the ending .xml, for a scene of it.")
+    return SoftBody.load(path)
+
+
+def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> SoftBody:
+    """The soft body made of the volume or the meshes that are given."""
+    from mjframes.body import build as build_body
+    from mjframes.inputs import METRES, Materials, parse_fill, parse_materials, read_materials, read_volume
+
+    materials = read_materials(arguments.materials) if arguments.materials else Materials()
+    materials = Materials(
+        materials.by_label | parse_materials(arguments.material),
+        parse_fill(arguments.fill) if arguments.fill else materials.fill,
+    )
+    with printed_notices():
+        volume = read_volume(
+            arguments.volume,
+            materials,
+            spacing=arguments.spacing,
+            voxels=arguments.voxels,
+            scale=METRES[arguments.unit] if arguments.unit else arguments.scale,
+            drop_unknown=arguments.drop_unknown,
+            up=arguments.up,
+        )
+    if arguments.largest:
+        volume = largest_piece(volume)
+    return build_body(
+        volume,
+        frames=arguments.frames or (None if arguments.error else 3),
+        error=arguments.error,
+        samples=arguments.samples,
+        seed=arguments.seed,
+        frame_type=arguments.frame_type,
+        weights=arguments.weights,
+        subdivisions=arguments.subdivisions,
+        method=arguments.method,
+        law=arguments.law,
+        mass=arguments.mass,
+        mode=arguments.mode,
+        damping=arguments.damping,
+        progress=progress,
+    )
 
 
 def inspect(arguments: argparse.Namespace) -> int:
@@ -208,15 +288,13 @@ def largest_piece(volume: Volume) -> Volume:
 
 @contextmanager
 def printed_notices() -> Iterator[None]:
-    """Prints what is said of imperfect meshes in this block, a line each, and leaves other warnings alone."""
-    from mjframes.meshes import MeshWarning
-
+    """Prints the notices given in this block, a line each, and leaves other warnings alone."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MeshWarning)
+        warnings.simplefilter("always", Notice)
         try:
             yield
         finally:
-            notices = [str(warning.message) for warning in caught if issubclass(warning.category, MeshWarning)]
+            notices = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
     for notice in notices:
         print(f"mjframes: {notice}", file=sys.stderr)
 

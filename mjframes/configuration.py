@@ -68,6 +68,7 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "lattice_sphere",
     "asset",
 )
+SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
 
 
@@ -220,6 +221,16 @@ def patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
     """The control points that move any of the spheres, and all points of their frames: one path, ancestors first."""
     frames = np.unique(body.control.frame[body.contact.weights[spheres].indices])
     return np.flatnonzero(np.isin(body.control.frame, frames))
+
+
+def instance_name(name: str) -> str:
+    """The name of a soft body's plugin instance: its own, but for one letter, to which MuJoCo must attach something."""
+    return name if len(name) > 1 else name + SEPARATOR
+
+
+def soft_name(instance: str) -> str:
+    """The name of the soft body whose plugin instance is called so."""
+    return instance.removesuffix(SEPARATOR)
 
 
 def encode(values: np.ndarray | Sequence[int]) -> str:

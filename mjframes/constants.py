@@ -1,5 +1,6 @@
 """Constants of the precomputation; each carries its unit and its reason."""
 
+KIND = "mjframes soft body"  # what a saved soft body says it is
 FORMAT_VERSION = 3  # of saved soft bodies and of the plugin's configuration; a plugin refuses any other
 VOLUME_VERSION = 1  # of saved volumes
 
@@ -8,3 +9,6 @@ RIGID_RATIO = 1e3  # [-] to the stiffest soft material: its stresses then strain
 RIGID_POISSON = 0.3  # [-] cortical bone
 
 NEGLIGIBLE_WEIGHT = 1e-3  # [-] smaller weights are dropped: a displacement error of a thousandth of the frame's own
+
+MOST_CELLS = 2**31 - 1  # of a grid: later stages number its cells with int32
+UP = ("x", "y", "z", "-x", "-y", "-z")  # axes of a file that may point up

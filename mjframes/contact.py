@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
 
 from mjframes.errors import MjframesError
+from mjframes.material import is_number
 
 LENGTHS = {"friction": 3, "solref": 2, "solimp": 5}
 CONDIMS = (1, 3, 4, 6)
+IMPEDANCE = (  # of solimp: what each number is, and its range
+    ("first impedance", 0.0, 1.0),
+    ("second impedance", 0.0, 1.0),
+    ("width", 0.0, math.inf),
+    ("midpoint", 0.0, 1.0),
+    ("power", 1.0, math.inf),
+)
 
 
 @dataclass(frozen=True)
@@ -42,20 +51,35 @@ class Contact:
             if values is None:
                 continue
             shortest = length if name == "solref" else 1
-            if not (shortest <= np.size(values) <= length and np.isfinite(np.asarray(values, float)).all()):
+            if np.ndim(values) > 1 or not (shortest <= np.size(values) <= length and all(map(is_number, values))):
                 counts = f"{shortest} to {length}" if shortest < length else f"{length}"
                 raise MjframesError(f"{name} is {values!r}; give {counts} finite numbers.")
         if self.friction is not None and np.min(self.friction) < 0:
             raise MjframesError(f"friction is {self.friction!r}; its coefficients must be ≥ 0.")
+        if self.solref is not None and (self.solref[0] > 0) != (self.solref[1] > 0):
+            raise MjframesError(
+                f"solref is {self.solref!r}; give a time constant and a damping ratio, both positive, as (0.02, 1), or "
+                "a stiffness and a damping, both negative."
+            )
+        for i, value in enumerate(self.solimp or ()):
+            name, low, high = IMPEDANCE[i]
+            if not low <= value <= high:
+                raise MjframesError(
+                    f"solimp is {self.solimp!r}, but its {name} must be between {low:g} and {high:g}, as in MuJoCo's "
+                    "(0.9, 0.95, 0.001, 0.5, 2)."
+                )
         for name in ("margin", "gap"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
+            if value is not None and not (is_number(value) and value >= 0):
                 raise MjframesError(f"{name} is {value!r}; it must be a length ≥ 0 in metres.")
-        if self.condim is not None and self.condim not in CONDIMS:
+        if self.condim is not None and (self.condim not in CONDIMS or isinstance(self.condim, bool)):
             raise MjframesError(f"condim is {self.condim!r}; it must be 1, 3, 4 or 6.")
         for name in ("contype", "conaffinity"):
-            if not 0 <= getattr(self, name) < 2**31:
-                raise MjframesError(f"{name} is {getattr(self, name)!r}; it must be a bit mask of 31 bits.")
+            value = getattr(self, name)
+            if not (_is_whole(value) and 0 <= value < 2**31):
+                raise MjframesError(f"{name} is {value!r}; it must be a bit mask of 31 bits.")
+        if self.priority is not None and not (_is_whole(self.priority) and abs(self.priority) < 2**31):
+            raise MjframesError(f"priority is {self.priority!r}; it must be a whole number.")
 
     def write(self, geom: mujoco.MjsGeom) -> None:
         """Put the parameters into a geom of a spec."""
@@ -67,3 +91,7 @@ class Contact:
                 getattr(geom, field.name)[: np.size(value)] = value
             else:
                 setattr(geom, field.name, value)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mjframes.errors import MjframesError
@@ -14,20 +14,27 @@ from mjframes.errors import MjframesError
 def replacing(path: str | os.PathLike[str], what: str) -> Iterator[Path]:
     """A temporary path beside `path`, with its ending, that takes its place when the block succeeds and goes when not.
 
-    Makes missing parent directories.  Raises MjframesError, `what` ("the log") cannot be written, for what the system
-    refuses, before the block runs where that is known.
+    Makes missing parent directories, which go too when the block fails.  Raises MjframesError, `what` ("the log")
+    cannot be written, for what the system refuses, before the block runs where that is known.
     """
     path = Path(path)
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    missing = [folder for folder in path.parents if not folder.exists()]  # the innermost first
+    written = False
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "it is a directory")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.touch()
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial.touch()
             yield partial
             os.replace(partial, path)
+            written = True
         finally:
-            partial.unlink(missing_ok=True)
+            if not written:
+                with suppress(OSError):  # what cannot be removed, or holds what others wrote, stays
+                    partial.unlink(missing_ok=True)
+                    for folder in missing:
+                        folder.rmdir()
     except OSError as error:
         raise MjframesError(f"{path}: {what} cannot be written there ({error.strerror or error}).") from error

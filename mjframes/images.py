@@ -1,7 +1,8 @@
 """Label images from files: p̄(index) = origin + Σ_a axes[:, a] spacing[a] (index_a + ½ − origin_index), all in metres.
 
 Input of the whole pipeline (the paper, §4: material maps sampled on a voxel grid). Each reader returns the file's
-contents as they are, converted to SI; `volume.py` judges and normalises them. Images place the centre of their first
+contents as they are, converted to SI and, where they say that they show an anatomy, to RAS coordinates (x to the
+right, y to the front, z up); `volume.py` judges and normalises them. Images place the centre of their first
 voxel, .npz files its corner: `origin_index` says which.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,15 +19,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.constants import VOLUME_VERSION
-from mjframes.errors import MjframesError
+from mjframes.constants import KIND, VOLUME_VERSION
+from mjframes.errors import MjframesError, Notice
 from mjframes.material import Material
 from mjframes.metaimage import read_metaimage
 
 METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3, "millimetre": 1e-3}
 METRES |= {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6}
 METRES |= {"": 1e-3, "unknown": 1e-3, "???": 1e-3}  # scanners write millimetres, whether or not they say so
-LEFT_HANDED_SPACES = ("las", "left-anterior-superior", "3d-left-handed")  # of NRRD's field `space`
+TO_RAS = {  # by NRRD's field `space`: which coordinates change their sign; others stay as they are
+    "las": (-1, 1, 1),
+    "left-anterior-superior": (-1, 1, 1),
+    "3d-left-handed": (-1, 1, 1),
+    "lps": (-1, -1, 1),
+    "left-posterior-superior": (-1, -1, 1),
+}
+
+
+class ImageWarning(Notice):
+    """An image does not say what it should: what is missing and how it was taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +84,8 @@ def _read_npz(path: Path) -> LabelImage:
         if file.read(2) != b"PK":
             raise MjframesError(f"{path}: this is not an .npz archive; write it with Volume.save or numpy.savez.")
     with np.load(path, allow_pickle=False) as archive:
+        if str(archive.get("kind")) == KIND:
+            raise MjframesError(f"{path}: this is a soft body, which is built already; read it with SoftBody.load.")
         if "format_version" in archive and (version := int(archive["format_version"])) != VOLUME_VERSION:
             raise MjframesError(
                 f"{path}: the volume has format version {version}, this mjframes reads {VOLUME_VERSION}; save it anew."
@@ -118,7 +132,7 @@ def _read_metaimage(path: Path) -> LabelImage:
     image = read_metaimage(path)
     if image.labels.ndim != 3 or image.spacing is None:
         return LabelImage(image.labels)
-    scale = _scale(path, [image.unit] * 3)
+    scale = _scale(path, [image.unit] * 3) * ((-1, -1, 1) if image.is_anatomy else (1, 1, 1))
     center = None if image.center is None else scale * image.center
     return _from_steps(path, image.labels, scale[:, None] * image.axes * image.spacing, center)
 
@@ -128,8 +142,7 @@ def _read_nrrd(path: Path) -> LabelImage:
     if labels.ndim != 3:
         return LabelImage(labels)  # refused later, like every array that is not 3-D
     scale = _scale(path, header.get("space units", header.get("units", [""] * 3)))
-    if str(header.get("space", "")).lower() in LEFT_HANDED_SPACES:
-        scale = scale * (-1, 1, 1)  # its first coordinate points left: a mirror image in our right-handed coordinates
+    scale = scale * TO_RAS.get(str(header.get("space", "")).lower(), (1, 1, 1))
     if "space directions" in header:
         steps = np.asarray(header["space directions"], np.float64).T
     else:
@@ -143,7 +156,15 @@ def _read_nrrd(path: Path) -> LabelImage:
 def _read_nifti(path: Path) -> LabelImage:
     image = _import("nibabel", path).load(path)
     header = image.header
-    scale = _scale(path, [header.get_xyzt_units()[0]] * 3)
+    unit = header.get_xyzt_units()[0]
+    if unit == "unknown":
+        warnings.warn(
+            f"{path}: its header has no unit of length; voxels of {header.get_zooms()[0]:g} are taken as millimetres; "
+            "give spacing= or --spacing where they are not.",
+            ImageWarning,
+            stacklevel=2,
+        )
+    scale = _scale(path, [unit] * 3)
     labels = np.asanyarray(image.dataobj)
     if labels.ndim > 3 and max(labels.shape[3:]) == 1:
         labels = labels.reshape(labels.shape[:3])

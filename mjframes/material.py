@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from mjframes.constants import RIGID_POISSON, RIGID_YOUNG
 from mjframes.errors import MjframesError
+
+YOUNG = (1e-3, 1e15)  # [Pa] far beyond foam and diamond; in between no square of a stiffness overflows
+DENSITY = (1e-6, 1e9)  # [kg/m³]
 
 
 @dataclass(frozen=True)
 class Material:
     """One material of a volume.
 
-    young: Young's modulus [Pa], > 0.  poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.  density: [kg/m³], > 0.
-    name, rgba: how it is called and drawn.  is_rigid: made by `Material.rigid`.
+    young: Young's modulus [Pa], 1e-3 to 1e15.  poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.
+    density: [kg/m³], 1e-6 to 1e9.  name, rgba: how it is called and drawn.  is_rigid: made by `Material.rigid`.
     Raises MjframesError for values outside these ranges.
     """
 
@@ -27,13 +32,21 @@ class Material:
 
     def __post_init__(self) -> None:
         of = f" of material {self.name!r}" if self.name else ""
-        if not (math.isfinite(self.young) and self.young > 0):
-            raise MjframesError(f"young{of} is {self.young!r}; it must be a positive Young's modulus in pascals.")
-        if not (math.isfinite(self.poisson) and 0 <= self.poisson < 0.5):
+        if not isinstance(self.name, str):
+            raise MjframesError(f"name of a material is {self.name!r}; it must be text.")
+        if not (is_number(self.young) and YOUNG[0] <= self.young <= YOUNG[1]):
+            raise MjframesError(
+                f"young{of} is {self.young!r}; it must be a positive Young's modulus in pascals, "
+                f"{YOUNG[0]:g} to {YOUNG[1]:g}."
+            )
+        if not (is_number(self.poisson) and 0 <= self.poisson < 0.5):
             raise MjframesError(f"poisson{of} is {self.poisson!r}; it must lie in [0, 0.5), for flesh take 0.45.")
-        if not (math.isfinite(self.density) and self.density > 0):
-            raise MjframesError(f"density{of} is {self.density!r}; it must be a positive density in kg/m³.")
-        if len(self.rgba) != 4 or not all(0 <= c <= 1 for c in self.rgba):
+        if not (is_number(self.density) and DENSITY[0] <= self.density <= DENSITY[1]):
+            raise MjframesError(
+                f"density{of} is {self.density!r}; it must be a positive density in kg/m³, "
+                f"{DENSITY[0]:g} to {DENSITY[1]:g}."
+            )
+        if np.shape(self.rgba) != (4,) or not all(is_number(c) and 0 <= c <= 1 for c in self.rgba):
             raise MjframesError(f"rgba{of} is {self.rgba!r}; it must be four numbers between 0 and 1.")
 
     @classmethod
@@ -53,3 +66,12 @@ class Material:
         """Lamé's (λ, μ) [Pa]."""
         e, nu = self.young, self.poisson
         return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a real, finite number, and no truth value or text."""
+    return (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )

@@ -29,7 +29,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from mjframes.errors import MjframesError
+from mjframes.errors import MjframesError, Notice
 
 if TYPE_CHECKING:
     import trimesh
@@ -44,7 +44,7 @@ MIXED = "the surface has triangles of mixed orientation"
 WITNESSES = 16  # [-] vertices that all must lie within another shell for a shell to be a cavity
 
 
-class MeshWarning(UserWarning):
+class MeshWarning(Notice):
     """A surface is not what it should be: what is wrong with it and how it was taken."""
 
 

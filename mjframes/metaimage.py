@@ -26,13 +26,15 @@ LONGEST_LINE = 4096  # [bytes] of a header; a longer one is not text
 @dataclass(frozen=True, eq=False)
 class MetaImage:
     """labels: as stored, first index fastest in the file.  axes (3, 3): column a is the direction of index axis a.
-    spacing, center (3,): of a voxel and of the first one's middle, in `unit`, None where the header says nothing."""
+    spacing, center (3,): of a voxel and of the first one's middle, in `unit`, None where the header says nothing.
+    is_anatomy: whether it has an anatomical orientation; ITK then writes left, posterior, superior coordinates."""
 
     labels: NDArray[Any]
     axes: NDArray[np.float64]
     spacing: NDArray[np.float64] | None
     center: NDArray[np.float64] | None
     unit: str
+    is_anatomy: bool
 
 
 def read_metaimage(path: Path) -> MetaImage:
@@ -60,6 +62,7 @@ def read_metaimage(path: Path) -> MetaImage:
         spacing=numbers("elementspacing", "elementsize"),
         center=numbers("offset", "position", "origin"),
         unit=header.get("distanceunits", ""),
+        is_anatomy="?" not in header.get("anatomicalorientation", "???"),
     )
 
 

@@ -20,11 +20,12 @@ from scipy import sparse
 from mjframes import links, plugin
 from mjframes.body import SoftBody
 from mjframes.carriers import Carrier, carriers, printable, printable_quaternion
-from mjframes.configuration import configuration, patch_points
+from mjframes.configuration import SEPARATOR, configuration, instance_name, patch_points, soft_name
 from mjframes.contact import Contact
 from mjframes.errors import MjframesError
 from mjframes.identity import remember
 from mjframes.links import Pose
+from mjframes.material import is_number
 from mjframes.supports import PARENT
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
@@ -47,28 +48,29 @@ def attach(
 ) -> None:
     """Put a soft body into a spec, below the body `parent` of it.
 
-    pos [m], quat: where the volume's coordinate system goes, in `parent`.  name: of the plugin instance, and the prefix
-    of all that is added.  contact: whether it collides with the scene's geoms and other soft bodies, or how; never with
-    what holds it.
+    pos [m], quat: where the volume's coordinate system goes, in `parent`.  name: of the body that holds it all; what
+    belongs to it is called name:something, so that no two soft bodies share a name.  contact: whether it collides with
+    the scene's geoms and other soft bodies, or how; never with what holds it.
     spec: the one that `parent` belongs to, where the body has pieces attached to other bodies. Their poses at the
     reference configuration are those in which the soft body rests; its frames then hang on the one of these bodies
     below most of the others. Warns (BranchWarning) where such bodies are on several branches of the tree.
     Raises MjframesError for a name that cannot be used, bodies that are not there, and where the plugin cannot be
     loaded.
     """
-    if not re.fullmatch(r"[A-Za-z0-9_.-]{2,}", name):
-        raise MjframesError(f"name is {name!r}; use two or more letters, digits, '_', '-' or '.'.")
-    if len(pos) != 3 or len(quat) != 4 or not np.isfinite([*pos, *quat]).all() or not np.any(quat):
+    _check_arguments(parent, body, contact, spec)
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
+        raise MjframesError(f"name is {name!r}; use one or more letters, digits, '_', '-' or '.'.")
+    if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
     plugin.load()
     place = _place(parent, body, spec, pos, quat)
     carried = carriers(body, place.links)
-    # MuJoCo wants a prefix when it attaches: all but the last letter of the name, which makes the names come out right
-    prefix, local = name[:-1], name[-1]
+    # MuJoCo wants a prefix when it attaches: the first letter of the name, which makes the names come out right
+    prefix, local = name[0], name[1:]
     own = mujoco.MjSpec()
     own.activate_plugin(plugin.NAME)
-    instance = own.add_plugin(name=local, plugin_name=plugin.NAME, active=True)
-    inner = own.worldbody.add_body(name=local)
+    instance = own.add_plugin(name=local or SEPARATOR, plugin_name=plugin.NAME, active=True)
+    inner = own.worldbody.add_body(name=local or SEPARATOR)
     bodies = _add_bodies(inner, carried, place.bodies, name)
     rank = _ranks(bodies, place)
     patches = _patches(body, carried, rank) if contact else []
@@ -79,14 +81,36 @@ def attach(
         _add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         _add_skins(own, body, carried, local)
-    own.default.name = f"{local}_default"  # by its own name it would meet that of a soft body with the same prefix
+    own.default.name = (
+        f"{local}{SEPARATOR}default"  # by its own name it would meet that of a soft body with the same prefix
+    )
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
+    inner.name = name  # of one letter it has a separator behind it
     remember(body)
     if spec is not None and place.bodies:  # with bones that the soft body's own spec does not have
         _add_skins(spec, body, carried, name)
+
+
+def _check_arguments(
+    parent: mujoco.MjsBody, body: SoftBody, contact: bool | Contact, spec: mujoco.MjSpec | None
+) -> None:
+    """Raises MjframesError for arguments of other types, and for what the scene would do to the masses."""
+    if not isinstance(parent, mujoco.MjsBody):
+        raise MjframesError(f"parent is a {type(parent).__name__}; give a body of the scene, as spec.worldbody.")
+    if not isinstance(body, SoftBody):
+        raise MjframesError(f"body is a {type(body).__name__}; give the SoftBody that build or SoftBody.load returned.")
+    if not isinstance(contact, (bool, Contact)):
+        raise MjframesError(f"contact is {contact!r}; give True, False or a Contact.")
+    world = links.path_of(parent)[-1]
+    if spec is not None and not (isinstance(spec, mujoco.MjSpec) and spec.worldbody is world):
+        what = "of another scene" if isinstance(spec, mujoco.MjSpec) else f"a {type(spec).__name__}"
+        raise MjframesError(f"spec is {what}; give the MjSpec that the parent {parent.name!r} belongs to.")
+    changed = changed_masses(world.compiler)
+    if changed:
+        raise MjframesError(f"the scene cannot hold a soft body: {changed}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +180,7 @@ def _add_bodies(
     for carrier in carried:
         link = others.get(carrier.link) if carrier.joints == "" else None
         outer = link or (bodies[carrier.parent] if carrier.parent >= 0 else inner)
-        own = f"{name if link else name[-1]}_{carrier.points[0]}"
+        own = f"{name if link else name[1:]}{SEPARATOR}{carrier.points[0]}"
         child = outer.add_body(
             name=own,
             pos=carrier.offset,
@@ -173,7 +197,7 @@ def _add_bodies(
                 child.add_joint(name=f"{own}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         if carrier.joints == "free":
             child.add_joint(name=f"{own}_ball", type=mujoco.mjtJoint.mjJNT_BALL)
-        _use_plugin(child, name if link else name[-1])
+        _use_plugin(child, instance_name(name) if link else name[1:] or SEPARATOR)
         bodies.append(child)
     return bodies
 
@@ -190,6 +214,14 @@ def _ranks(bodies: list[mujoco.MjsBody], place: _Place) -> np.ndarray:
     rank = np.empty(len(bodies), int)
     rank[sorted(range(len(bodies)), key=lambda c: keys[c])] = np.arange(len(bodies))
     return rank
+
+
+def changed_masses(compiler: mujoco.MjsCompiler) -> str:
+    """What in a scene's compiler changes the masses of its bodies, and so those of soft ones; "" for nothing."""
+    for option in ("settotalmass", "boundmass", "boundinertia"):
+        if (value := getattr(compiler, option)) > 0:
+            return f'its <compiler {option}="{value:g}"/> would change the masses of a soft body; take it out'
+    return ""
 
 
 def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
@@ -221,24 +253,28 @@ def _add_patches(
 ) -> None:
     half = printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    own.add_mesh(name=f"{name[-1]}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its distance is not used
+    own.add_mesh(
+        name=f"{name[1:]}{SEPARATOR}bounds", uservert=corners.ravel(), octree_maxdepth=1
+    )  # its distance is not used
     owners: set[str] = set()
     for number, spheres in enumerate(patches):
         on = bodies[_carrier_of_patch(body, carried, spheres)]
-        local = on.plugin.name
+        instance = on.plugin.name
+        stem = soft_name(instance) + SEPARATOR
         geom = on.add_geom(
-            name=f"{local}_patch_{number}",
+            name=f"{stem}patch_{number}",
             type=mujoco.mjtGeom.mjGEOM_SDF,
-            meshname=f"{local}_bounds",
+            meshname=f"{stem}bounds",
             group=PATCH_GROUP,
             mass=0,
             rgba=[0.5, 0.5, 0.5, 0.1],
         )
         contact.write(geom)
-        _use_plugin(geom, local)
+        _use_plugin(geom, instance)
         owners.add(on.name)
     if contact.contype & contact.conaffinity:  # a soft body does not meet itself: MuJoCo need not ask
-        for first, second in itertools.combinations(sorted(o for o in owners if o.startswith(f"{name[-1]}_")), 2):
+        inner = sorted(owner for owner in owners if owner.startswith(name[1:] + SEPARATOR))
+        for first, second in itertools.combinations(inner, 2):
             own.add_exclude(bodyname1=first, bodyname2=second)
 
 
@@ -263,11 +299,13 @@ def _add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], 
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
         spec.add_skin(
-            name="_".join(filter(None, [name, material.name, "" if names[material.name] == 1 else str(label)])),
+            name=name
+            + SEPARATOR
+            + "_".join(filter(None, [material.name, "" if names[material.name] == 1 else str(label)])),
             vert=skin.vertices[used].ravel(),
             face=local.ravel(),
             rgba=material.rgba,
-            bodyname=[f"{name}_{carried[c].points[0]}" for c in bones],
+            bodyname=[f"{name}{SEPARATOR}{carried[c].points[0]}" for c in bones],
             bindpos=np.ravel([carried[c].pose[1] for c in bones]),
             bindquat=np.ravel([links.quaternion(carried[c].pose[0]) for c in bones]),
             vertid=[weights.indices[column].tolist() for column in columns],

@@ -23,9 +23,12 @@ from rich.progress import track
 
 from mjframes import plugin, view
 from mjframes.errors import MjframesError
+from mjframes.mjcf import changed_masses
 
 PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft.cc)
 RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of some megabytes
+STILL = 1e-6  # [m] that everything's weight has to fall for an energy that is worth a number
+NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a number
 DIVERGED = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
     int(mujoco.mjtWarning.mjWARN_BADQVEL),
@@ -102,6 +105,26 @@ class Recording:
         return np.array([instant.total for instant in self.instants])
 
     @property
+    def motion(self) -> np.ndarray:
+        """(k,) kinetic and potential energy at the instants [J]."""
+        return np.array([instant.kinetic + instant.potential for instant in self.instants])
+
+    @property
+    def energy_scale(self) -> float:
+        """The largest kinetic energy or difference of potential energies: what the run is about [J]."""
+        potential = [instant.potential for instant in self.instants]
+        return max(max(instant.kinetic for instant in self.instants), float(np.ptp(potential)))
+
+    @property
+    def motion_gain(self) -> float:
+        """The most by which kinetic and potential energy together exceed the total energy of the start [J].
+
+        Without the elastic energy, which is nothing to rely on where a material is very stiff: a step that turns such a
+        body stretches it by a millionth, the next one brings it back, and 10¹¹ Pa make kilojoules of that.
+        """
+        return max(0.0, float((self.motion - self.energy[0]).max()))
+
+    @property
     def energy_gain(self) -> float:
         """The most by which the total energy ever exceeds that of the start [J]; 0 for a passive scene."""
         return float((self.energy - self.energy[0]).max())
@@ -123,6 +146,10 @@ def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjS
                     raise
                 plugin.load()
                 spec = mujoco.MjSpec.from_file(os.fspath(path))
+            if any(other.plugin_name == plugin.NAME for other in spec.plugins) and (
+                why := changed_masses(spec.compiler)
+            ):
+                raise MjframesError(f"{path}: the scene has soft bodies, and {why}.")
             return spec.compile(), spec
         except MjframesError:
             raise
@@ -153,6 +180,8 @@ def record(
     if not (math.isfinite(duration) and duration > 0):
         raise MjframesError(f"duration is {duration!r}; it must be a positive time in seconds.")
     timestep = model.opt.timestep
+    if not (math.isfinite(timestep) and timestep > 0):
+        raise MjframesError(f"the scene's timestep is {timestep!r}; it must be a positive time in seconds, as 0.002.")
     steps = max(1, round(duration / timestep))
     stride = math.ceil(steps / RECORDS)
     depth = np.zeros(steps)
@@ -206,16 +235,29 @@ def record(
 
 def summary(recording: Recording) -> str:
     """The lines that `mjframes run` prints."""
-    energy = recording.energy
     return "\n".join(
         (
             f"steps         {recording.steps} of {recording.timestep * 1e3:g} ms",
             f"speed         {recording.steps_per_second:.0f} steps/s, {recording.real_time_factor:.2f} × real time",
             f"penetration   {recording.penetration * 1e3:.3f} mm at most, "
             f"{recording.final_penetration * 1e3:.3f} mm in the last second",
-            f"energy        {energy[0]:.4g} J at the start, {energy[-1]:.4g} J at the end, "
-            f"{recording.energy_gain:.2g} J largest gain",
+            f"energy        {_balance(recording)}",
         )
+    )
+
+
+def _balance(recording: Recording) -> str:
+    """What became of the energy that moved, in words."""
+    scale = recording.energy_scale
+    if scale <= STILL * recording.weight:
+        return "nothing moved"
+    change = recording.energy[0] - recording.motion[-1]
+    end = f"{change:.3g} J less" if change >= 0 else f"{-change:.3g} J more"
+    gain = recording.motion_gain
+    above = f"{gain:.2g} J ({gain / scale:.1%})" if gain > NOTABLE * scale else "never"
+    return (
+        f"{scale:.3g} J moved; kinetic and potential energy are {end} at the end than at the start, "
+        f"and {above} above it in between"
     )
 
 

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import itertools
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
 from mjframes.body import SoftBody
+from mjframes.configuration import SEPARATOR
+from mjframes.errors import MjframesError
 from mjframes.mjcf import attach
+from mjframes.run import load_scene
 from mjframes.volume import Volume
 
 DROP = 0.25  # [-] of the body's size: how far above the floor it starts
-DISTANCE = 1.4  # [-] of the body's size: from the camera to the body
+FIELD = 45.0  # [degrees] of view, from top to bottom
+ROOM = 1.15  # [-] of the ball around the body that the camera has in view: what is soft spreads
 BACK = np.array([0.0, -0.8, 0.6])  # unit vector from the body to the camera
 
 
@@ -38,12 +46,81 @@ def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact
         diffuse=[0.6, 0.6, 0.6],
         castshadow=True,
     )
-    camera = world.add_camera(name="front", pos=center + (size * DISTANCE) * BACK)
+    middle = (lower + upper) / 2
+    place = np.array([-middle[0], -middle[1], DROP * size - lower[2]])
+    attach(world, body, name=name, pos=place.tolist(), contact=contact)
+    # it keeps its distance from the body's centre of mass: what rolls away stays in view
+    radius = float(np.linalg.norm(upper - lower)) / 2
+    distance = ROOM * radius / np.sin(np.radians(FIELD / 2))
+    camera = spec.body(name).add_camera(name="front", fovy=FIELD, pos=middle + distance * BACK)
+    camera.mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
     camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
     camera.alt.xyaxes = [1, 0, 0, *np.cross(BACK, [1, 0, 0])]
-    middle = (lower + upper) / 2
-    attach(world, body, name=name, pos=(-middle[0], -middle[1], DROP * size - lower[2]), contact=contact)
     return spec
+
+
+def fragment(body: SoftBody, name: str = "soft", contact: bool = True) -> mujoco.MjSpec:
+    """A spec of `body` alone, for MJCF's <attach>: `<attach model="steak" body="soft" prefix="left_"/>`."""
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    attach(spec.worldbody, body, name=name, contact=contact)
+    return spec
+
+
+def scene_with(
+    body: SoftBody, scene: str | os.PathLike[str], name: str, parent: str, pos: Sequence[float], contact: bool = True
+) -> mujoco.MjSpec:
+    """The spec of a scene (.xml) with `body` in it, at `pos` [m] of the scene's body `parent`.
+
+    What is new stands at rest in the scene's keyframes.
+    Raises MjframesError for a scene that cannot be loaded, and for a name or a parent that it does not allow.
+    """
+    spec = load_scene(scene)[1]
+    holder = spec.worldbody if parent == "world" else spec.body(parent)
+    if holder is None:
+        known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
+        raise MjframesError(f"--parent is {parent!r}, but the bodies of {scene} are: {known}.")
+    if any(name == other.name for other in (*spec.bodies, *spec.plugins)):
+        raise MjframesError(f"--name is {name!r}, which {scene} has already; give another one.")
+    kept = [(key, np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]
+    for key, _, _ in kept:
+        key.qpos, key.qvel = [], []
+    attach(holder, body, name=name, pos=pos, contact=contact, spec=spec)
+    after = spec.compile()
+    of_scene = [not after.joint(j).name.startswith(name + SEPARATOR) for j in range(after.njnt)]
+    for key, qpos, qvel in kept:
+        key.qpos = _filled(after.qpos0, _places(after.jnt_qposadr, after.nq, of_scene), qpos)
+        key.qvel = _filled(np.zeros(after.nv), _places(after.jnt_dofadr, after.nv, of_scene), qvel)
+    return spec
+
+
+def write_scene(spec: mujoco.MjSpec, path: Path) -> None:
+    """Write a compiled spec as MJCF, in which files that it names are found from where it is written.
+
+    Raises MjframesError where MuJoCo cannot load what is written.
+    """
+    root = ElementTree.fromstring(spec.to_xml())
+    if spec.modelfiledir:  # the spec itself is tied to where it was
+        compiler = root.find("compiler")
+        compiler = ElementTree.SubElement(root, "compiler") if compiler is None else compiler
+        for kind, folder in (("meshdir", spec.meshdir), ("texturedir", spec.texturedir)):
+            compiler.set(kind, os.path.relpath(os.path.join(spec.modelfiledir, folder), path.parent))
+    path.write_text(ElementTree.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+    load_scene(path)
+
+
+def _places(address: np.ndarray, size: int, chosen: Sequence[bool]) -> np.ndarray:
+    """(size,) whether a coordinate belongs to one of the chosen joints, whose coordinates begin at `address` (n,)."""
+    return np.repeat(chosen, np.diff([*address.tolist(), size])).astype(bool)
+
+
+def _filled(whole: np.ndarray, places: np.ndarray, values: np.ndarray) -> list[float]:
+    """`whole` with `values` at the places; nothing where there are none, which is MuJoCo's default."""
+    if not len(values):
+        return []
+    filled = whole.copy()
+    filled[places] = values
+    return filled.tolist()
 
 
 def _add_floor(spec: mujoco.MjSpec) -> None:

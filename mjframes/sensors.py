@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from mjframes import plugin
 from mjframes.body import SoftBody
-from mjframes.configuration import decode, encode
+from mjframes.configuration import decode, encode, soft_name
 from mjframes.errors import MjframesError
 from mjframes.identity import asset_key
 from mjframes.material_points import MaterialPoints, material_points
@@ -41,7 +41,7 @@ def add_sensor(
         wanted = "is of the whole body: give no points" if quantity in WHOLE else "needs points, (n, 3) in metres"
         raise MjframesError(f"the sensor {quantity!r} {wanted}.")
     plugin.load()
-    instances = {other.name: other for other in spec.plugins if other.plugin_name == plugin.NAME}
+    instances = {soft_name(other.name): other for other in spec.plugins if other.plugin_name == plugin.NAME}
     if name not in instances:
         known = ", ".join(map(repr, instances)) or "none"
         raise MjframesError(f"name is {name!r} but the spec's soft bodies are: {known}.")

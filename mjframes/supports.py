@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from mjframes.errors import MjframesError
 from mjframes.grid import Grid
 
+Piece = TypeVar("Piece", "Fixed", "Attached")
 PARENT = ""  # as the name of a link: the body that the soft body is attached to
 
 
@@ -27,6 +29,18 @@ class Attached:
 
     link: str
     mask: NDArray[np.bool_]
+
+
+def pieces(name: str, given: Piece | Sequence[Piece], kind: type[Piece]) -> list[Piece]:
+    """The pieces of one kind, of which one may stand alone.  name: of the argument, for messages."""
+    found = list(given) if isinstance(given, (list, tuple)) else [given]
+    for piece in found:
+        if not isinstance(piece, kind):
+            arguments = "mask" if kind is Fixed else '"forearm", mask'
+            raise MjframesError(
+                f"{name} has a {type(piece).__name__}; give one or more pieces, as [mf.{kind.__name__}({arguments})]."
+            )
+    return [piece for piece in found if isinstance(piece, kind)]
 
 
 def held_cores(

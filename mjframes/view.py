@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from mjframes import forces
 from mjframes.asset import triangles
 from mjframes.body import SoftBody
-from mjframes.configuration import ATTRIBUTES, decode
+from mjframes.configuration import ATTRIBUTES, decode, soft_name
 from mjframes.errors import MjframesError
 from mjframes.hyperelastic import HyperelasticRegion
 from mjframes.identity import asset_key, recall
@@ -345,7 +345,7 @@ def _instances(model: mujoco.MjModel) -> dict[str, int]:
     for instance in np.unique(model.body_plugin[model.body_plugin >= 0]):
         if "point_rest" in _configuration(model, int(instance)):
             start = model.name_pluginadr[instance]
-            found[model.names[start:].split(b"\0", 1)[0].decode()] = int(instance)
+            found[soft_name(model.names[start:].split(b"\0", 1)[0].decode())] = int(instance)
     return found
 
 

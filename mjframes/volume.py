@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import ArrayLike, NDArray
 
-from mjframes.constants import VOLUME_VERSION
+from mjframes.constants import MOST_CELLS, UP, VOLUME_VERSION
 from mjframes.errors import MjframesError
 from mjframes.hull import in_convex_hull
 from mjframes.images import LabelImage, read_image, write_materials
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from mjframes.meshes import MeshLike
 
 ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
+VOXELS = 20_000  # of meshes, unless given: built in seconds, and with some across every limb
+MANY = 30  # labels without a material that no atlas, but an image of intensities has
+SHOWN = 10  # of them
 LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
 
 
@@ -62,7 +65,7 @@ class Volume:
         axes = np.asarray(self.axes)
         if axes.shape != (3, 3) or not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6) or np.linalg.det(axes) < 0:
             raise MjframesError(f"axes are {axes.tolist()}; they must be a proper rotation matrix.")
-        _check_materials(_occurring(labels), self.materials)
+        _check_materials(occurring(labels), self.materials)
 
     @classmethod
     def from_labels(
@@ -72,6 +75,8 @@ class Volume:
         materials: Mapping[int, Material] | None = None,
         origin: ArrayLike | None = None,
         drop_unknown: bool = False,
+        crop: bool = False,
+        up: str = "z",
     ) -> Volume:
         """A volume from an array of labels or from a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd).
 
@@ -80,17 +85,29 @@ class Volume:
         materials: one for every label that occurs; a file saved with materials needs none, or has them replaced.
         origin: (3,) [m], corner of voxel (0, 0, 0); default the file's, else 0.
         drop_unknown: labels without a material are outside, such as a segmentation's noise; else they are refused.
-        An image's coordinates are kept as they are (NIfTI: RAS; NRRD: its `space`). Where its axes are left-handed,
-        one array axis is reversed; sheared axes are refused.
+        crop: whether to leave out, on all sides, slices with nothing inside.  up: see `upright`.
+        An image's coordinates are kept as they are, but that those of an anatomy are RAS, x to the right and y to the
+        front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage by their headers). Where its axes are
+        left-handed, one array axis is reversed; sheared axes are refused.
         Raises MjframesError for all that cannot be used.
         """
         if isinstance(labels, (str, os.PathLike)):
             image, source = read_image(Path(labels)), f"{os.fspath(labels)}: "
         else:
             image, source = LabelImage(_array(labels)), ""
-        array = _shrink(source, image.labels)
+        found = materials if materials is not None else image.materials or {}
+        if not isinstance(found, Mapping):
+            raise MjframesError(f"materials is {found!r}; it must map labels to Material, as in {{1: Material(...)}}.")
+        _require_labels(source, image.labels)
+        shape = np.array(image.labels.shape)
+        low, high = _box(image.labels, set(found) if drop_unknown else None) if crop else (np.zeros(3, int), shape)
+        array = _shrink(source, image.labels[tuple(map(slice, low, high))])
         if (step := image.spacing if spacing is None else spacing) is None:
-            raise MjframesError(f"{source}spacing is missing; pass spacing=, the edge of a voxel in metres.")
+            missing = [] if drop_unknown else [label for label in occurring(array) if label not in found]
+            more = f" Besides, {_without_material(missing)}" if missing else ""
+            raise MjframesError(
+                f"{source}spacing is missing; pass spacing= or --spacing, the edge of a voxel in metres.{more}"
+            )
         step = _spacing(source, step)
         axes = _orthonormal(source, image.axes)
         corner = np.zeros(3)
@@ -98,20 +115,19 @@ class Volume:
             corner = _vector(f"{source}origin", image.origin) - axes @ step * image.origin_index
         if np.linalg.det(axes) < 0:
             a = int(np.argmin(np.diag(axes)))  # of the three reversals the one that leaves the smallest rotation
-            corner = corner + axes[:, a] * step[a] * array.shape[a]
+            corner = corner + axes[:, a] * step[a] * shape[a]
             axes[:, a] *= -1
             array = np.flip(array, a)
+            low[a] = shape[a] - high[a]
         if origin is not None:
             corner = _vector("origin", origin)
-        found = materials if materials is not None else image.materials or {}
-        if not isinstance(found, Mapping):
-            raise MjframesError(f"materials is {found!r}; it must map labels to Material, as in {{1: Material(...)}}.")
         if drop_unknown:
-            array[np.isin(array, list(set(_occurring(array)) - set(found)))] = 0
+            array[np.isin(array, list(set(occurring(array)) - set(found)))] = 0
         try:
-            return cls(np.ascontiguousarray(array), step, corner, axes, dict(found))
+            whole = cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found))
         except MjframesError as error:
             raise MjframesError(f"{source}{error}") from error
+        return whole.upright(up)
 
     @classmethod
     def from_meshes(
@@ -122,14 +138,17 @@ class Volume:
         voxels: int | None = None,
         fill: Material | None = None,
         scale: float = 1.0,
+        up: str = "z",
     ) -> Volume:
         """A volume from surface meshes, each of one material; where they overlap, the later one wins.
 
         meshes: (mesh, material) pairs; a mesh is a file (.obj .stl .ply .off .glb) or a trimesh object. The i-th, from
         1 on, has label i. Surfaces need not be perfect: `mjframes.meshes` says what counts as inside.
-        spacing: voxel size [m], one number or three; or else voxels: about how many voxels to have inside.
+        spacing: voxel size [m], one number or three; or else voxels: about how many voxels to have inside, 20,000 where
+        neither is given.
         fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
-        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it.
+        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it and for
+        up: the axis of the meshes that points up, see `upright`.
         Warns (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
         The voxels are kept on disk (`mjframes.cache`) until a mesh or an argument changes; warnings are given again.
         Raises MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
@@ -138,8 +157,10 @@ class Volume:
         from mjframes.meshes import MeshWarning, load_surface, mesh_contents
         from mjframes.voxelize import spacing_for, voxelize
 
-        if (spacing is None) == (voxels is None):
+        if spacing is not None and voxels is not None:
             raise MjframesError(f"spacing is {spacing!r} and voxels is {voxels!r}; give exactly one of them.")
+        if spacing is None and voxels is None:
+            voxels = VOXELS
         if voxels is not None and not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
             raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
         if not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
@@ -165,8 +186,15 @@ class Volume:
         for notice in known["notices"].tolist():
             warnings.warn(notice, MeshWarning, stacklevel=2)
         labels, origin, step = known["labels"], known["origin"], known["spacing"]
-        present = set(_occurring(labels))
-        return cls(labels, step, origin, np.eye(3), {i: m for i, m in enumerate(materials, 1) if i in present})
+        present = set(occurring(labels))
+        inside = {i: material for i, material in enumerate(materials, 1) if i in present}
+        return cls(labels, step, origin, np.eye(3), inside).upright(up)
+
+    def __repr__(self) -> str:
+        nx, ny, nz = self.labels.shape
+        names = ", ".join(f"{label}: {self.materials[label].name or 'unnamed'}" for label in occurring(self.labels))
+        size = " × ".join(f"{length * 1e3:.3g}" for length in self.labels.shape * self.spacing)
+        return f"<Volume of {nx} × {ny} × {nz} voxels, {size} mm; {np.count_nonzero(self.labels)} inside; {names}>"
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the volume and its materials to a .npz file, all of it or nothing.
@@ -197,24 +225,46 @@ class Volume:
             raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
         inside = np.count_nonzero(self.labels) * np.prod(self.spacing)
         step = float(inside / voxels) ** (1 / 3)
-        extents = self.labels.shape * self.spacing
+        low, high = _box(self.labels)
+        some = self.labels[tuple(map(slice, low, high))]
+        extents = some.shape * self.spacing
+        counts = np.maximum(1, np.rint(extents / step))
+        if np.prod(counts) > MOST_CELLS:
+            raise MjframesError(
+                f"voxels is {voxels}, for which the grid around them would have {np.prod(counts):.1e} cells; "
+                f"take less than {voxels * MOST_CELLS / np.prod(counts):.0e}."
+            )
         places = []
-        for a in range(3):
-            count = max(1, round(extents[a] / step))
+        for a, count in enumerate(counts.astype(int)):
             centers = extents[a] / 2 + (np.arange(count) - (count - 1) / 2) * step
-            places.append(np.clip((centers / self.spacing[a]).astype(int), 0, self.labels.shape[a] - 1))
-        labels = self.labels[np.ix_(*places)]
-        if lost := sorted(set(_occurring(self.labels)) - set(_occurring(labels))):
+            places.append(np.clip((centers / self.spacing[a]).astype(int), 0, some.shape[a] - 1))
+        labels = some[np.ix_(*places)]
+        if lost := sorted(set(occurring(self.labels)) - set(occurring(labels))):
             raise MjframesError(f"label {lost[0]} has parts too thin for {voxels} voxels and vanishes; take more.")
-        corner = self.origin + self.axes @ (extents - np.array(labels.shape) * step) / 2
+        corner = self.origin + self.axes @ (low * self.spacing + (extents - np.array(labels.shape) * step) / 2)
         return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
+
+    def upright(self, up: str) -> Volume:
+        """The volume turned about the origin so that what was along the axis `up` ("y", "-x", …) is along z.
+
+        Many programs write meshes with y up, in MuJoCo it is z.
+        """
+        if up not in UP:
+            raise MjframesError(f"up is {up!r}; it must be one of {', '.join(map(repr, UP))}.")
+        if up == "z":
+            return self
+        turn = np.zeros((3, 3))
+        turn[2, "xyz".index(up[-1])] = -1 if up[0] == "-" else 1
+        turn[0] = [0, 1, 0] if up[-1] == "x" else [1, 0, 0]
+        turn[1] = np.cross(turn[2], turn[0])
+        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
 
     def filled(self, material: Material) -> Volume:
         """The volume with `material` in all of its convex hull that was outside: flesh around bones.
 
         It gets the label after the highest one, of those present and those with a material.
         """
-        label = max(*_occurring(self.labels), *self.materials) + 1
+        label = max(*occurring(self.labels), *self.materials) + 1
         if label > LARGEST_LABEL:
             raise MjframesError(f"the highest label is {label - 1}; the next, for what is filled, is too large.")
         labels = self.labels.astype(np.promote_types(self.labels.dtype, np.min_scalar_type(label)))
@@ -249,11 +299,40 @@ def _components(labels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int32],
     return pieces, sizes[1:]
 
 
-def _occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
+def occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
+    """The labels of the voxels inside, ascending."""
+    if labels.dtype.itemsize <= 2:
+        seen = np.zeros(np.iinfo(labels.dtype).max + 1, bool)
+        for slab in _slabs(labels):
+            seen[slab] = True
+        return (1 + np.flatnonzero(seen[1:])).tolist()
     found: set[int] = set()
-    for slab in labels:  # a slab at a time: sorting all of a large image needs as much memory again
-        found.update(np.unique(slab).tolist())
-    return sorted(found - {0})
+    for slab in _slabs(labels):  # a slab at a time: sorting all of a large image needs as much memory again
+        found.update(np.unique(slab[slab != 0]).tolist())
+    return sorted(found)
+
+
+def _slabs(array: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """The slices of an array (nx, ny, nz) across the axis along which its memory is laid out."""
+    return iter(np.moveaxis(array, int(np.argmax(np.abs(array.strides))), 0))
+
+
+def _box(labels: NDArray[Any], known: set[int] | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Index (3,) of the first voxel inside along each axis and after the last; all where nothing is inside.
+
+    known: labels that count as inside; all but 0 unless given.
+    """
+    along = int(np.argmax(np.abs(labels.strides)))
+    used, shadow = np.zeros(labels.shape[along], bool), np.zeros(np.delete(labels.shape, along), bool)
+    for k, slab in enumerate(_slabs(labels)):
+        inside = slab != 0 if known is None else np.isin(slab, list(known))
+        used[k] = inside.any()
+        shadow |= inside
+    places = [np.flatnonzero(some) for some in (shadow.any(axis=1), shadow.any(axis=0))]
+    places.insert(along, np.flatnonzero(used))
+    if not len(places[0]):
+        return np.zeros(3, np.int64), np.array(labels.shape)
+    return np.array([place[0] for place in places]), np.array([place[-1] + 1 for place in places])
 
 
 def _check_materials(present: list[int], materials: Mapping[int, Material]) -> None:
@@ -263,11 +342,22 @@ def _check_materials(present: list[int], materials: Mapping[int, Material]) -> N
         if not isinstance(label, (int, np.integer)) or label < 1 or not isinstance(material, Material):
             raise MjframesError(f"materials has {label!r}: {material!r}; it must map positive labels to Material.")
     if missing := [label for label in present if label not in materials]:
-        which = f"label {missing[0]} has" if len(missing) == 1 else f"labels {', '.join(map(str, missing))} have"
-        raise MjframesError(
-            f"{which} no material; give one in materials={{label: Material(...)}} or with --material, "
-            "or leave such voxels out with drop_unknown=True or --drop-unknown."
+        raise MjframesError(_without_material(missing))
+
+
+def _without_material(missing: list[int]) -> str:
+    """What is wrong with labels that have no material, and what would be right."""
+    if len(missing) > MANY:
+        return (
+            f"labels {', '.join(map(str, missing[:SHOWN]))}, … up to {missing[-1]}, {len(missing)} in all, have no "
+            "material: is this a label image? Its values must number materials, not measure an intensity; segment it "
+            "first, or leave out what has no material with drop_unknown=True or --drop-unknown."
         )
+    which = f"label {missing[0]} has" if len(missing) == 1 else f"labels {', '.join(map(str, missing))} have"
+    return (
+        f"{which} no material; give one in materials={{label: Material(...)}} or with --material, "
+        "or leave such voxels out with drop_unknown=True or --drop-unknown."
+    )
 
 
 def _array(labels: ArrayLike) -> NDArray[Any]:
@@ -277,8 +367,8 @@ def _array(labels: ArrayLike) -> NDArray[Any]:
         raise MjframesError("labels are rows of different lengths; they must be an (nx, ny, nz) array.") from error
 
 
-def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
-    """A copy of the labels in the smallest unsigned type that holds them."""
+def _require_labels(source: str, labels: NDArray[Any]) -> None:
+    """Raises MjframesError for arrays of another shape and of what are no numbers."""
     if labels.ndim != 3:
         raise MjframesError(
             f"{source}labels have shape {labels.shape}; they must be an (nx, ny, nz) array of integers."
@@ -287,6 +377,10 @@ def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
         raise MjframesError(f"{source}labels are {labels.dtype}; they must be integers, one material label per voxel.")
     if labels.size == 0:
         raise MjframesError(f"{source}labels have shape {labels.shape}; every side needs at least one voxel.")
+
+
+def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
+    """A copy of the labels in the smallest unsigned type that holds them."""
     low, high = labels.min(), labels.max()
     if not (low >= 0 and high <= LARGEST_LABEL):  # so that NaN fails too
         raise MjframesError(
@@ -295,7 +389,10 @@ def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
     result = labels.astype(np.min_scalar_type(int(high)))
     if labels.dtype.kind == "f" and not np.array_equal(result, labels):
         value = labels[result != labels][0]
-        raise MjframesError(f"{source}labels contain {value}; they must be integers, one material label per voxel.")
+        raise MjframesError(
+            f"{source}labels contain {value}; they must be integers, one material label per voxel. "
+            "Is this a label image?"
+        )
     return result
 
 

@@ -18,10 +18,10 @@ import scipy.spatial
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from mjframes.constants import MOST_CELLS
 from mjframes.errors import MjframesError
 from mjframes.meshes import Surface, import_igl, lids
 
-MOST_CELLS = 2**31 - 1  # later stages number cells with int32
 PROBE_CELLS = 400_000  # of the grid that estimates the volume for a wanted voxel count: to about 1 %, in 0.02 to 0.3 s
 QUERIES = 1_000_000  # points per call of libigl: 24 MB of coordinates
 SNAPPED = 16  # cells from which on a whole number of them on the shortest side changes the voxel count by < 10 %

@@ -5,9 +5,11 @@
 
 #include <mujoco/mujoco.h>
 
+#include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <string>
+#include <string_view>
+#include <system_error>
 #include <vector>
 
 #include "config.h"
@@ -27,11 +29,11 @@ class Reader {
   bool Has(const char* key) const { return *Text(key) != '\0'; }
 
   double Number(const char* key) {
-    const char* text = Text(key);
-    char* end = nullptr;
-    const double value = std::strtod(text, &end);
-    if (end == text || *end != '\0' || !std::isfinite(value) || value < 0) {
-      Fail(std::string(key) + " is '" + text + "' but has to be a number ≥ 0");
+    const std::string_view text = Text(key);
+    double value = 0;  // strtod would read it by the program's locale, which may want a comma
+    const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size() || !std::isfinite(value) || value < 0) {
+      Fail(std::string(key) + " is '" + std::string(text) + "' but has to be a number ≥ 0");
       return 0;
     }
     return value;

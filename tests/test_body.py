@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from shapes import BONE, SOFT, mixed
 
 from mjframes.body import SoftBody, build
 from mjframes.errors import MjframesError
+from mjframes.supports import Attached, Fixed
 from mjframes.volume import Volume
 
 
@@ -105,6 +109,42 @@ def test_a_volume_in_two_pieces_is_refused() -> None:
         build(Volume.from_labels(labels, 0.01, {1: SOFT}), 2)
 
 
+def test_a_volume_may_be_a_file_and_pieces_stand_alone(tmp_path: Path) -> None:
+    mixed().save(tmp_path / "v.npz")
+    mask = np.zeros(mixed().labels.shape, bool)
+    mask[:2] = True
+    body = build(tmp_path / "v.npz", 2, fixed=Fixed(mask), attached=Attached("arm", mask[::-1]))
+    assert body.links == ("", "arm")
+    assert build(str(tmp_path / "v.npz"), 1).voxels == body.voxels
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "array": ({"volume": np.ones((3, 3, 3), int)}, "volume is a ndarray; give a Volume, as Volume.from_labels"),
+    "file": ({"volume": "none.npz"}, "none.npz: there is no such file"),
+    "seed": ({"seed": -1}, "seed is -1; it must be a whole number from 0 on"),
+    "fixed": (
+        {"fixed": np.ones((16, 9, 6), bool)},
+        "fixed has a ndarray; give one or more pieces, as [mf.Fixed(mask)]",
+    ),
+    "attached": ({"attached": ["arm"]}, "attached has a str; give one or more pieces, as [mf.Attached("),
+    "law": ({"law_constants": {1: {"mu": 1e4}}}, "law_constants is {1: {'mu': 10000.0}}, but the corotational law has"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_arguments_are_named(wrong: str) -> None:
+    given, message = WRONG[wrong]
+    arguments: dict[str, Any] = {"volume": mixed(), "frames": 2, **given}
+    with pytest.raises(MjframesError, match=f"^{re.escape(message)}"):
+        build(**arguments)
+
+
 def test_a_rigid_body_needs_one_frame() -> None:
     body = build(Volume.from_labels(np.ones((3, 3, 3), int), 0.01, {1: BONE}), 1)
     assert len(body.control.mass) == 4
+
+
+def test_a_body_is_shown_in_a_line() -> None:
+    assert re.fullmatch(
+        r"<SoftBody of 4 frames \(4 affine\), \d+ regions, \d+ voxels, .* kg; .*error: .*>", repr(lump())
+    )

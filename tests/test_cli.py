@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import mujoco
@@ -11,8 +14,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from mjframes.body import build
 from mjframes.cli import main
 from mjframes.material import Material
+from mjframes.run import load_scene
+from mjframes.view import soft, soft_names
 from mjframes.volume import Volume
 
 SCENE = """
@@ -70,6 +76,11 @@ def test_run_prints_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["build", "none.obj", "-o", "a.xml", "--unit", "mm", "--scale", "2"], "not allowed with"),
         (["build", "none.obj", "-o", "a.xml", "--scale", "-2"], "'-2' is not a positive number"),
         (["build", "none.obj", "-o", "a.xml", "--voxels", "9", "--material", FLESH], "none.obj: there is no such file"),
+        (["build", "none.npz", "-o", "a.xml", "--seed", "-1"], "'-1' is not a whole number from 0 on"),
+        (["build", "none.npz", "-o", "new/folder/a.xml"], "none.npz: there is no such file"),
+        (["build", "none.npz", "-o", "a.npz", "--fragment"], "--into and --fragment write MJCF"),
+        (["build", "none.npz", "-o", "a.xml", "--pos", "1,2"], "'1,2' is not three coordinates"),
+        (["build", "none.npz", "-o", "a.xml", "--up", "w"], "argument --up: invalid choice: 'w'"),
         (["dance"], "invalid choice: 'dance'"),
     ],
 )
@@ -117,6 +128,132 @@ def test_build_saves_a_soft_body(volume: Path, tmp_path: Path) -> None:
     assert main(["build", str(volume), "-o", str(tmp_path / "body.npz"), "--frames", "2"]) == 0
     assert isinstance(SoftBody.load(str(tmp_path / "body.npz")), SoftBody)
     assert {path.name for path in tmp_path.iterdir()} == {"bar.npz", "body.npz"}
+
+
+@pytest.fixture
+def body(volume: Path) -> Path:
+    path = volume.with_name("body.npz")
+    build(volume, 2, damping=(0.5, 0)).save(str(path))
+    return path
+
+
+def test_build_takes_a_soft_body_as_it_is(body: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "scene.xml"
+    assert main(["build", str(body), "-o", str(scene)]) == 0
+    assert "2 frames, 3 regions, 288 voxels, 24 degrees of freedom" in capsys.readouterr().out
+    model = mujoco.MjModel.from_xml_path(str(scene))
+    assert soft(model, mujoco.MjData(model), "soft").configuration["alpha"] == "0.5"
+    before = scene.read_bytes()
+    assert main(["build", str(body), "-o", str(scene), "--frame-type", "rigid"]) == 2
+    assert "body.npz: this is a soft body, built already, to which --frame-type does nothing" in sentence(capsys)
+    assert main(["build", str(body), str(body), "-o", str(scene)]) == 2
+    assert "more than one file beside a soft body" in sentence(capsys)
+    assert main(["build", str(body), "-o", str(tmp_path / "again.npz")]) == 2
+    assert "this is a soft body already" in sentence(capsys)
+    assert scene.read_bytes() == before
+
+
+KITCHEN = """
+<mujoco><compiler meshdir="parts"/><asset><mesh name="box" file="box.stl"/></asset>
+<worldbody><body name="lift" pos="0 0 .1">
+<joint name="up" type="slide" axis="0 0 1"/><geom type="mesh" mesh="box"/></body>
+<body name="ball" pos="1 0 .1"><freejoint name="free"/><geom size=".1"/></body></worldbody>
+<keyframe><key name="raised" qpos=".5 1 2 3 0 1 0 0" qvel="1 2 3 4 5 6 7"/><key name="start"/></keyframe></mujoco>
+"""
+
+
+@pytest.mark.parametrize("parent", ["world", "lift"])
+def test_build_puts_a_body_into_a_scene(
+    body: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], parent: str
+) -> None:
+    (tmp_path / "parts").mkdir()
+    trimesh.creation.box(extents=(0.2, 0.2, 0.2)).export(tmp_path / "parts" / "box.stl")
+    kitchen = tmp_path / "kitchen.xml"
+    kitchen.write_text(KITCHEN)
+    command = ["build", str(body), "--into", str(kitchen), "--name", "bar", "--parent", parent, "--pos=0,0,1"]
+    for output in (tmp_path / "elsewhere" / "new.xml", kitchen):
+        assert kitchen.read_text() == KITCHEN
+        assert main([*command, "-o", str(output)]) == 0
+        model = mujoco.MjModel.from_xml_path(str(output))
+        assert model.body("bar").parentid == model.body(parent).id
+        assert model.body("bar").pos.tolist() == [0, 0, 1]
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        assert data.joint("up").qpos == 0.5
+        assert data.joint("free").qpos.tolist() == [1, 2, 3, 0, 1, 0, 0]
+        assert data.joint("free").qvel.tolist() == [2, 3, 4, 5, 6, 7]
+        assert np.abs(data.qpos).sum() == pytest.approx(7.5)
+        mujoco.mj_step(model, data)
+    assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["new.xml"]
+    capsys.readouterr()
+    kept = kitchen.read_text()
+    for wrong, message in (
+        ([], "--name is 'bar', which .*kitchen.xml has already"),
+        (
+            ["--name", "other", "--parent", "table"],
+            "--parent is 'table', but the bodies of .*kitchen.xml are: 'world', ",
+        ),
+        (["--name", "a b"], "name is 'a b'; use one or more letters"),
+        (["--into", str(tmp_path / "none.xml")], "none.xml: there is no such scene"),
+    ):
+        assert main([*command, *wrong, "-o", str(kitchen)]) == 2
+        assert re.search(message, sentence(capsys))
+        assert kitchen.read_text() == kept
+
+
+def test_a_fragment_can_be_attached_in_mjcf(body: Path, tmp_path: Path) -> None:
+    assert main(["build", str(body), "--fragment", "--name", "bar", "-o", str(tmp_path / "bar.xml")]) == 0
+    alone = mujoco.MjModel.from_xml_path(str(tmp_path / "bar.xml"))
+    assert (alone.nlight, alone.ncam, alone.nmat) == (0, 0, 0)
+    scene = """
+    <mujoco><asset><model name="bar" file="bar.xml"/></asset><worldbody><geom type="plane" size="1 1 1"/>
+    <frame pos="0 0 .1"><attach model="bar" body="bar" prefix="left_"/></frame>
+    <frame pos="1 0 .1"><attach model="bar" body="bar" prefix="right_"/></frame></worldbody></mujoco>"""
+    (tmp_path / "scene.xml").write_text(scene)
+    model = load_scene(tmp_path / "scene.xml")[0]
+    assert soft_names(model) == ["left_bar", "right_bar"]
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=200)
+    assert data.ncon > 0
+    assert not any(warning.number for warning in data.warning)
+
+
+def test_results_that_cannot_be_printed_end_in_a_sentence(tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("there is no device that is always full")
+    (tmp_path / "scene.xml").write_text(SCENE)
+    command = [sys.executable, "-m", "mjframes", "run", str(tmp_path / "scene.xml"), "--duration", "0.1"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "mjframes: the results cannot be printed (No space left on device).\n"
+
+
+def test_too_little_memory_ends_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def greedy(*_: object) -> None:
+        np.zeros(2**62, np.uint8)
+
+    monkeypatch.setattr("mjframes.run.load_scene", greedy)
+    assert main(["run", str(tmp_path / "scene.xml")]) == 2
+    assert re.match(r"mjframes: there is not enough memory \(Unable to allocate 4.00 EiB .*\); take ", sentence(capsys))
+
+
+def test_a_run_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(SCENE)
+    log = tmp_path / "new" / "folder" / "run.mcap"
+    command = [sys.executable, "-m", "mjframes", "run", str(tmp_path / "scene.xml"), "--log", str(log)]
+    running = subprocess.Popen([*command, "--duration", "1e5"], stderr=subprocess.DEVNULL)
+    try:
+        while not (log.parent.is_dir() and list(log.parent.iterdir())):
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.terminate()
+        assert running.wait(30) == 128 + signal.SIGTERM
+    finally:
+        running.kill()
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.xml"]
 
 
 def test_build_takes_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -207,7 +207,26 @@ def test_bits_choose_what_a_soft_body_meets() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"friction": (-1.0,)}, {"solref": (0.01,)}, {"margin": -1.0}, {"condim": 2}, {"contype": -1}, {"solimp": ()}],
+    [
+        {"friction": (-1.0,)},
+        {"solref": (0.01,)},
+        {"margin": -1.0},
+        {"condim": 2},
+        {"contype": -1},
+        {"solimp": ()},
+        {"solref": (-1, 1)},
+        {"solref": (0.02, 0)},
+        {"solimp": (1.2, 0.9)},
+        {"solimp": (0.9, 0.95, -1)},
+        {"solimp": (0.9, 0.95, 0.001, 2)},
+        {"solimp": (0.9, 0.95, 0.001, 0.5, 0.5)},
+        {"solimp": "soft"},
+        {"friction": "high"},
+        {"margin": "1"},
+        {"condim": True},
+        {"contype": 1.5},
+        {"priority": "high"},
+    ],
     ids=lambda wrong: next(iter(wrong)),
 )
 def test_contact_refuses_what_mujoco_would_not_take(wrong: dict[str, object]) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mjframes.errors import MjframesError
-from mjframes.inputs import Materials, parse_fill, parse_material, read_materials, read_volume
+from mjframes.errors import MjframesError, Notice
+from mjframes.inputs import Materials, parse_fill, parse_material, parse_materials, read_materials, read_volume
 from mjframes.material import Material
 from mjframes.volume import Volume
 
@@ -52,6 +52,7 @@ def test_flags() -> None:
         "1:rigid,density=1900,rgba=1/1",
         "1:rigid,density=1900,rgba=1/1/2",
         "1:rigid,density=1900,colour=red",
+        "1:young=3e4,poisson=0.45,density=1050,young=4e4",
         "1",
     ],
 )
@@ -79,6 +80,10 @@ def test_materials_in_a_file() -> None:
         ("1: flesh", "material 1 is 'flesh'"),
         ("1: {rigid: yes please, density: 9}", "material 1 has density; it needs"),
         ("1: {rigid: true, density: heavy}", "material 1 has a value that is no number"),
+        ("1: {young: true, poisson: 0.3, density: 9}", "material 1 has a value that is no number"),
+        ("1: {rigid: true, density: 9}\n1: {rigid: true, density: 8}", "1 stands there twice, again in line 2; leave"),
+        ("1: {rigid: true, density: 9,\n density: 8}", "'density' stands there twice, again in line 2; leave one"),
+        ("[1]: {rigid: true}", "this is no YAML"),
         ("1: {rigid: true, density: -9}", "material 1: density is -9"),
     ],
 )
@@ -109,6 +114,32 @@ def test_the_rest_of_an_images_hull_can_be_filled_and_its_noise_dropped() -> Non
     assert filled.materials == {1: BONE, 2: FLESH}
 
 
+def test_a_number_of_voxels_is_chosen_for_meshes_and_said() -> None:
+    with pytest.warns(Notice, match=r"about 20000 voxels are made; choose with --spacing METRES or --voxels N"):
+        assert np.count_nonzero(volume("box.stl", scale=1e-3).labels) == pytest.approx(20_000, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["box.stl", "labels.npy"])
+@pytest.mark.parametrize(("up", "upwards"), [("y", 1), ("-y", 1), ("x", 0), ("-x", 0), ("-z", 2)])
+def test_what_points_up_can_be_said(name: str, up: str, upwards: int) -> None:
+    np.save("labels.npy", np.ones((4, 2, 3), np.uint8))
+    plain, turned = (volume(name, spacing=(5.0,) * 3, up=some) for some in ("z", up))
+    sign = -1 if up[0] == "-" else 1
+    np.testing.assert_allclose(turned.axes[2], sign * plain.axes[upwards], atol=1e-12)
+    np.testing.assert_allclose(turned.origin[2], sign * plain.origin[upwards], atol=1e-12)
+    assert np.linalg.det(turned.axes) == pytest.approx(1)
+    np.testing.assert_array_equal(turned.labels, plain.labels)
+    with pytest.raises(MjframesError, match=r"^up is 'w'; it must be one of 'x', 'y', 'z', '-x'"):
+        volume(name, spacing=(5.0,) * 3, up="w")
+
+
+def test_a_label_has_one_material() -> None:
+    same = ["1:rigid,density=1900", "2:rigid,density=1900", "1=bone:rigid,density=1900"]
+    with pytest.raises(MjframesError, match=r"^--material '1=bone:.*' is the second one for label 1; give each"):
+        parse_materials(same)
+    assert set(parse_materials(same[:2])) == {1, 2}
+
+
 def test_an_image_can_be_resampled() -> None:
     assert volume("labels.npy", spacing=(0.01,) * 3, voxels=512).labels.shape == (8, 8, 8)
 
@@ -120,8 +151,17 @@ def test_an_image_can_be_resampled() -> None:
         (["labels.npy", "labels.npy"], {}, "more than one label image"),
         (["labels.npy"], {"spacing": (1, 1, 1), "scale": 0.1}, "--unit and --scale are for meshes"),
         (["box.stl"], {"voxels": 9, "drop_unknown": True}, "every mesh needs a material"),
-        (["box.stl"], {}, "--spacing METRES or --voxels N"),
         (["box.stl", "box.stl"], {}, "box.stl: mesh 2 has no material"),
+        (
+            ["box.stl", "small.ply"],
+            {"materials": Materials()},
+            "box.stl: mesh 1 has no material, small.ply: mesh 2 has no material; give one with --material 1=NAME:… ",
+        ),
+        (
+            ["labels.npy"],
+            {"spacing": (1, 1, 1), "materials": Materials({1: FLESH, 2: BONE})},
+            "labels.npy: material 2 is given, but no voxel has this label; the labels are 1.",
+        ),
         (["box.stl"], {"materials": Materials({1: FLESH, 2: BONE})}, "material 2 has no mesh"),
         (["box.stl"], {"spacing": (1, 1, 1), "voxels": 9}, "give exactly one"),
     ],

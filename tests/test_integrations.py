@@ -115,7 +115,7 @@ def test_dm_control_steps_to_the_same_bits() -> None:
     stepped(model, data, 1000)
     np.testing.assert_array_equal(physics.data.qpos, data.qpos)
     np.testing.assert_array_equal(physics.data.qvel, data.qvel)
-    assert physics.named.data.xpos["soft0_3"].shape == (3,)
+    assert physics.named.data.xpos["soft0:3"].shape == (3,)
 
 
 def test_a_process_with_nothing_but_mujoco_runs_the_scene(tmp_path: Path) -> None:

@@ -315,10 +315,14 @@ def test_a_mesh_without_a_voxel_is_refused() -> None:
 # ---- what cannot be used
 
 
+def test_a_number_of_voxels_is_chosen_where_none_is_given() -> None:
+    volume = Volume.from_meshes([(box((0.1, 0.1, 0.1)), FLESH)])
+    assert np.count_nonzero(volume.labels) == pytest.approx(20_000, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({}, "spacing is None and voxels is None; give exactly one"),
         ({"spacing": 0.1, "voxels": 10}, "give exactly one"),
         ({"spacing": -0.1}, "spacing is .*; it must be one or three positive lengths"),
         ({"voxels": 0}, "voxels is 0"),

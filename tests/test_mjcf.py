@@ -6,11 +6,13 @@ import ctypes
 import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from scenes import FLOOR, TILTED, beam, compiled, lump
+from shapes import mixed
 
 from mjframes.body import build
 from mjframes.configuration import ATTRIBUTES, decode, encode
@@ -18,6 +20,9 @@ from mjframes.errors import MjframesError
 from mjframes.material import Material
 from mjframes.mjcf import attach
 from mjframes.plugin import NAME
+from mjframes.run import load_scene
+from mjframes.sensors import add_sensor
+from mjframes.supports import Attached
 from mjframes.view import soft, soft_names
 from mjframes.volume import Volume
 
@@ -100,14 +105,46 @@ def test_everything_is_named_after_the_body() -> None:
     names = {name for name in model.names.decode().split("\0")[1:] if name} - {"world", "MuJoCo Model"}
     assert all(name.startswith("my_Soft-body.2") for name in names)
     assert not any("/" in name for name in names)
-    assert {"my_Soft-body.2_3", "my_Soft-body.2_3_y", "my_Soft-body.2_patch_0"} <= names
+    assert {"my_Soft-body.2:3", "my_Soft-body.2:3_y", "my_Soft-body.2:patch_0"} <= names
     assert soft_names(model) == ["my_Soft-body.2"]
 
 
-@pytest.mark.parametrize("name", ["", "x", "a b", "arm/soft", "söft", "soft\n"], ids=repr)
-def test_bad_names_are_refused(name: str) -> None:
-    with pytest.raises(MjframesError, match=r"^name is .*; use two or more letters, digits"):
+@pytest.mark.parametrize("name", ["", "a b", "arm/soft", "soft:1", "söft", "soft\n", 7, None], ids=repr)
+def test_bad_names_are_refused(name: Any) -> None:
+    with pytest.raises(MjframesError, match=r"^name is .*; use one or more letters, digits"):
         attach(mujoco.MjSpec().worldbody, lump(), name)
+
+
+def test_names_are_free(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    names = ["soft", "soft_1", "soft_1_x", "soft_patch_0", "soft_bounds", "soft_default", "soft_2", "x", "y", "x_0"]
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    for place, name in enumerate(names):
+        attach(spec.worldbody, lump(), name, (0.3 * place, 0, 0.1))
+    add_sensor(spec, lump(), "x", "elastic_energy")
+    model = spec.compile()
+    for again in (model, mujoco.MjModel.from_xml_string(spec.to_xml())):
+        data = mujoco.MjData(again)
+        mujoco.mj_step(again, data)
+        assert soft_names(again) == names
+        assert again.body("x").id >= 0
+        for name in names:
+            assert len(soft(again, data, name).control_positions) == len(lump().control.mass)
+        assert data.sensor("x_elastic_energy").data == pytest.approx(soft(again, data, "x").elastic_energy)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("name", ["x", "so"])
+def test_bodies_with_short_names_are_held_by_others(name: str) -> None:
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><body name="arm"><joint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    mask = np.zeros(mixed().labels.shape, bool)
+    mask[:2] = True
+    attach(spec.worldbody, build(mixed(), 2, attached=[Attached("arm", mask)]), name, spec=spec)
+    model = spec.compile()
+    mujoco.mj_step(model, mujoco.MjData(model))
+    assert soft_names(model) == [name]
+    assert all(skin.startswith(f"{name}:") for skin in (model.skin(s).name for s in range(model.nskin)))
 
 
 def test_a_name_that_is_taken_is_refused() -> None:
@@ -124,6 +161,37 @@ def test_a_name_that_is_taken_is_refused() -> None:
 def test_bad_places_are_refused(pos, quat) -> None:
     with pytest.raises(MjframesError, match="give three metres and four quaternion components"):
         attach(mujoco.MjSpec().worldbody, lump(), "soft", pos, quat)
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "contact": ({"contact": "yes"}, "contact is 'yes'; give True, False or a Contact"),
+    "parent": ({"parent": mujoco.MjSpec()}, "parent is a MjSpec; give a body of the scene, as spec.worldbody"),
+    "body": ({"body": mixed()}, "body is a Volume; give the SoftBody that build"),
+    "spec": ({"spec": mujoco.MjSpec()}, "spec is of another scene; give the MjSpec that the parent 'world' belongs to"),
+    "model": ({"spec": "scene.xml"}, "spec is a str; give the MjSpec"),
+    "pos": ({"pos": "here"}, "pos is 'here'"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_arguments_of_other_types_are_refused(wrong: str) -> None:
+    given, message = WRONG[wrong]
+    spec = mujoco.MjSpec()
+    arguments: dict[str, Any] = {"parent": spec.worldbody, "body": lump(), "name": "soft", **given}
+    with pytest.raises(MjframesError, match=f"^{re.escape(message)}"):
+        attach(**arguments)
+
+
+@pytest.mark.parametrize("option", ["settotalmass", "boundmass", "boundinertia"])
+def test_scenes_that_change_masses_are_refused_by_the_option(option: str, tmp_path: Path) -> None:
+    xml = f'<mujoco><compiler {option}="0.5"/><worldbody/></mujoco>'
+    with pytest.raises(
+        MjframesError, match=rf'its <compiler {option}="0\.5"/> would change the masses .*; take it out'
+    ):
+        attach(mujoco.MjSpec.from_string(xml).worldbody, lump(), "soft")
+    (tmp_path / "scene.xml").write_text(saved_beam().replace("<compiler", f'<compiler {option}="0.5"', 1))
+    with pytest.raises(MjframesError, match=rf'scene.xml: .*its <compiler {option}="0\.5"/>'):
+        load_scene(tmp_path / "scene.xml")
 
 
 def test_the_volume_stands_where_it_was_put() -> None:
@@ -156,7 +224,7 @@ def test_labels_of_one_material_have_skins_of_their_own() -> None:
         FLOOR,
         (build(Volume.from_labels(labels, 0.01, {1: bone, 2: bone, 3: none, 4: fat}), 2), (0, 0, 1), (1, 0, 0, 0)),
     )
-    assert [model.skin(s).name for s in range(4)] == ["soft0_bone_1", "soft0_bone_2", "soft0_3", "soft0_fat"]
+    assert [model.skin(s).name for s in range(4)] == ["soft0:bone_1", "soft0:bone_2", "soft0:3", "soft0:fat"]
 
 
 def test_skins_move_with_the_control_points() -> None:

@@ -175,6 +175,27 @@ def test_a_plugin_that_is_loaded_is_not_loaded_again(sources: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_numbers_are_read_alike_in_every_locale(tmp_path: Path) -> None:
+    if shutil.which("localedef") is None:
+        pytest.skip("no locale with a comma can be made without localedef")
+    made = subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(tmp_path / "de_DE.UTF-8")], check=False)
+    if made.returncode:
+        pytest.skip("the system has no sources of locales")
+    code = """
+import locale
+locale.setlocale(locale.LC_NUMERIC, "de_DE.UTF-8")
+assert locale.localeconv()["decimal_point"] == ","
+import mujoco, numpy as np, mjframes as mf
+volume = mf.Volume.from_labels(np.ones((4, 2, 2), int), 0.01, {1: mf.Material(1e4, 0.4, 1000)})
+spec = mujoco.MjSpec()
+mf.attach(spec.worldbody, mf.build(volume, 1, damping=(0.5, 0.001)), "soft")
+mujoco.MjModel.from_xml_string(spec.to_xml())
+"""
+    environment = {**os.environ, "LOCPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_loading_twice_is_loading_once() -> None:
     plugin.load()
     plugin.load()

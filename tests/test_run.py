@@ -13,9 +13,10 @@ from mjframes.body import build
 from mjframes.errors import MjframesError
 from mjframes.log import read_log
 from mjframes.material import Material
-from mjframes.run import Recording, kinetic_energy, load_scene, mujoco_warnings, penetration, record, summary
+from mjframes.run import Instant, Recording, kinetic_energy, load_scene, mujoco_warnings, penetration, record, summary
 from mjframes.scene import standalone_scene
 from mjframes.video import find_camera
+from mjframes.view import soft
 from mjframes.volume import Volume
 
 SCENE = """
@@ -180,6 +181,12 @@ def test_missing_packages_are_named(module: str, keys: dict, extra: str, monkeyp
         record(model_of(SCENE), 0.1, **keys)
 
 
+@pytest.mark.parametrize("timestep", [0.0, -0.001])
+def test_a_timestep_that_is_none_is_refused(timestep: float) -> None:
+    with pytest.raises(MjframesError, match=rf"^the scene's timestep is {timestep}; it must be a positive time"):
+        record(model_of(f'<mujoco><option timestep="{timestep}"/></mujoco>'), 1.0)
+
+
 def test_load_scene(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(SCENE)
@@ -218,6 +225,49 @@ def test_soft_bodies_are_logged_and_their_energy_never_grows(tmp_path: Path) -> 
     assert recording.weight == pytest.approx(54e-6 * 1000 * 9.81, rel=1e-6)
     assert recording.instants[-1].normal_force == pytest.approx(recording.weight, rel=0.01)
     assert recording.energy_gain < 1e-3 * np.ptp(recording.energy)
+
+
+def test_the_energy_of_stiff_strains_alarms_nobody() -> None:
+    """5 kJ of a body of 10¹¹ Pa that one step strained by a millionth; and a real gain, which is told."""
+
+    def told(*energies: tuple[float, float, float]) -> str:
+        instants = [
+            Instant(
+                0.0, np.zeros(1), np.zeros(1), kinetic, potential, {"soft": elastic}, {"soft": 0.0}, 0, 0.0, 0.0, 0.0
+            )
+            for kinetic, potential, elastic in energies
+        ]
+        return summary(Recording(tuple(instants), 3, 0.5, 0.002, np.zeros(3), 20.0)).splitlines()[-1]
+
+    assert told((0, 10, 0), (3, 7, 5e3), (0, 6, 0)) == (
+        "energy        4 J moved; kinetic and potential energy are 4 J less at the end than at the start, "
+        "and never above it in between"
+    )
+    assert "0.5 J (12.5%) above it in between" in told((0, 10, 0), (3.5, 7, 5e3), (0, 6, 0))
+    assert "are 1 J more at the end" in told((0, 10, 0), (3.5, 6, 0), (1, 10, 0))
+    assert told((0, 10, 0), (1e-12, 10, 5e3), (0, 10, 0)) == "energy        nothing moved"
+
+
+@pytest.mark.parametrize("shape", ["cube", "ball", "rod", "plate"])
+def test_the_camera_sees_all_of_the_body_wherever_it_goes(shape: str) -> None:
+    a, b, c = np.indices((10, 10, 10)) - 4.5
+    inside = {"cube": a > -9, "ball": a**2 + b**2 + c**2 < 25, "rod": (abs(a) < 1) & (abs(b) < 1), "plate": abs(c) < 1}
+    labels = np.where(inside[shape], 1, 0)
+    volume = Volume.from_labels(labels, spacing=0.01, materials={1: Material(3e4, 0.4, 1000)}, origin=(1, 2, 3))
+    body = build(volume, 2)
+    model = standalone_scene(body, volume, name="body").compile()
+    model.opt.gravity[0] = 3.0  # it rolls or slides away
+    model.geom_friction[:] = 1 if shape == "ball" else 0.01
+    data = mujoco.MjData(model)
+    centers = volume.origin + (np.argwhere(labels) + 0.5) * volume.spacing
+    for _ in range(8):
+        mujoco.mj_forward(model, data)
+        seen = (soft(model, data, "body", body).positions(centers) - data.cam_xpos[0]) @ data.cam_xmat[0].reshape(3, 3)
+        half = np.tan(np.radians(model.cam_fovy[0] / 2))
+        assert (seen[:, 2] < 0).all()
+        assert np.abs(seen[:, :2] / -seen[:, 2:]).max() < half
+        mujoco.mj_step(model, data, nstep=100)
+    assert data.subtree_com[0][0] > 0.3
 
 
 def test_warnings_are_caught_and_given_back() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import sys
+import tracemalloc
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mjframes.errors import MjframesError
+from mjframes.images import ImageWarning
 from mjframes.material import Material
 from mjframes.volume import Volume, require_connected
 
@@ -115,6 +117,102 @@ def test_unusable_arguments_are_named(change: dict[str, Any], message: str) -> N
     arguments: dict[str, Any] = {"labels": _labels(), "spacing": 0.002, "materials": MATERIALS, **change}
     with pytest.raises(MjframesError, match=f"^{message}"):
         Volume.from_labels(**arguments)
+
+
+def test_all_that_is_missing_is_named_at_once(tmp_path: Path) -> None:
+    np.save(tmp_path / "v.npy", _labels())
+    message = r"v\.npy: spacing is missing; .* --spacing, .* Besides, labels 1, 2 have no material; give one in"
+    with pytest.raises(MjframesError, match=message):
+        Volume.from_labels(tmp_path / "v.npy")
+
+
+def test_an_image_of_intensities_is_not_listed_label_by_label() -> None:
+    intensity = np.arange(6 * 6 * 6).reshape(6, 6, 6)
+    with pytest.raises(
+        MjframesError, match=r"labels 1, .*, 10, … up to 215, 215 in all, .*is this a label image\?"
+    ) as error:
+        Volume.from_labels(intensity, 0.001, {})
+    assert len(str(error.value)) < 400
+    with pytest.raises(MjframesError, match=r"labels contain 0\.5; .* Is this a label image\?"):
+        Volume.from_labels(intensity / 2, 0.001, {})
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float64])
+def test_a_cropped_image_is_the_same_body(tmp_path: Path, order: Any, dtype: type) -> None:
+    labels = np.zeros((30, 20, 25), dtype, order)
+    labels[5:9, 3:5, 20:23] = 1
+    labels[6, 4, 21], labels[0, 0, 0], labels[29, 19, 24] = 2, 0, 0
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = TILT * (-2, 3, 4), (10, 20, 30)
+    path = _write_nifti(tmp_path / "v.nii", labels.astype(np.float32), affine)
+    whole = Volume.from_labels(path, materials=MATERIALS)
+    small = Volume.from_labels(path, materials=MATERIALS, crop=True)
+    assert small.labels.shape == (4, 2, 3)
+    for label in (1, 2):
+        np.testing.assert_allclose(_centers(small, label), _centers(whole, label), atol=1e-12)
+    moved = [Volume.from_labels(labels, 0.01, MATERIALS, (1, 2, 3), crop=crop) for crop in (False, True)]
+    np.testing.assert_allclose(_centers(moved[1], 1), _centers(moved[0], 1), atol=1e-12)
+    labels[0, 0, 0] = 9  # not known: it does not count
+    assert Volume.from_labels(labels, 0.01, MATERIALS, drop_unknown=True, crop=True).labels.shape == (4, 2, 3)
+
+
+def test_a_small_label_in_a_big_image_costs_what_it_is() -> None:
+    labels = np.zeros((300, 300, 300), np.uint8)
+    labels[40:64, 30:56, 290:293] = 1
+    volume = Volume.from_labels(labels, 0.001, {1: FLESH})
+    tracemalloc.start()
+    fine = volume.resample(20_000)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert fine.labels.size < 40_000
+    assert peak < 1e6
+    np.testing.assert_allclose(_centers(fine, 1).mean(axis=0), _centers(volume, 1).mean(axis=0), atol=1e-4)
+
+
+def test_more_voxels_than_can_be_numbered_are_refused() -> None:
+    with pytest.raises(MjframesError, match=r"voxels is 1000000000000, .* would have 2\.0e\+12 cells; take less than"):
+        Volume.from_labels(_labels(), 0.01, MATERIALS).resample(10**12)
+
+
+def test_a_volume_is_shown_in_a_line() -> None:
+    shown = repr(Volume.from_labels(_labels(), 0.002, MATERIALS))
+    assert shown.startswith("<Volume of ")
+    assert len(shown) < 200
+    assert "\n" not in shown
+
+
+def test_coordinates_of_an_anatomy_are_ras(tmp_path: Path) -> None:
+    """One body written by NIfTI in RAS, by NRRD and MetaImage in LPS coordinates is the same body."""
+    steps, origin, turn = TILT * (2, 3, 4), np.array([10.0, 20, 30]), np.diag([-1.0, -1, 1])
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = steps, origin
+    nifti = Volume.from_labels(_write_nifti(tmp_path / "v.nii", _labels(), affine), materials=MATERIALS)
+    lps = {"space": "left-posterior-superior", "space directions": (turn @ steps).T, "space origin": turn @ origin}
+    nrrd = Volume.from_labels(_write_nrrd(tmp_path / "v.nrrd", _labels(), **lps), materials=MATERIALS)
+    matrix = " ".join(map(repr, (turn @ TILT).T.ravel().tolist()))
+    nx, ny, nz = _labels().shape
+    header = (
+        f"NDims = 3\nDimSize = {nx} {ny} {nz}\nElementType = MET_UCHAR\nElementSpacing = 2 3 4\nBinaryData = True\n"
+        f"TransformMatrix = {matrix}\nOffset = -10 -20 30\nAnatomicalOrientation = RAI\nElementDataFile = LOCAL\n"
+    )
+    (tmp_path / "v.mha").write_bytes(header.encode() + _labels().astype(np.uint8).tobytes(order="F"))
+    meta = Volume.from_labels(tmp_path / "v.mha", materials=MATERIALS)
+    for other in (nrrd, meta):
+        for label in (1, 2):
+            np.testing.assert_allclose(_centers(other, label), _centers(nifti, label), atol=1e-9)
+
+
+def test_unknown_units_are_said(tmp_path: Path) -> None:
+    path = _write_nifti(tmp_path / "v.nii", _labels(), np.diag([2.0, 2, 2, 1]), "unknown")
+    with pytest.warns(ImageWarning, match=r"v\.nii: its header has no unit of length; voxels of 2 are taken as mill"):
+        Volume.from_labels(path, materials=MATERIALS)
+
+
+def test_soft_bodies_are_no_volumes(tmp_path: Path) -> None:
+    np.savez(tmp_path / "body.npz", kind="mjframes soft body", labels=_labels())
+    with pytest.raises(MjframesError, match=r"body\.npz: this is a soft body, which is built already"):
+        Volume.from_labels(tmp_path / "body.npz", 0.01, MATERIALS)
 
 
 @pytest.mark.parametrize("axes", [np.diag([1, 1, -1]), np.ones((3, 3)), np.eye(2)])
@@ -436,9 +534,9 @@ def test_knee_with_oblique_axes() -> None:
     np.testing.assert_allclose(volume.spacing, [3.6458e-4, 3.6458e-4, 7e-4], rtol=1e-4)
     assert np.linalg.det(volume.axes) == pytest.approx(1)
     header = np.array([[-0.03177554, 0.36319598, 0], [0, 0, -0.36458333], [-0.69733626, -0.06100903, 0]]).T
-    np.testing.assert_allclose(volume.axes * volume.spacing, 1e-3 * header, atol=1e-9)
+    np.testing.assert_allclose(volume.axes * volume.spacing, 1e-3 * np.diag([-1, -1, 1]) @ header, atol=1e-9)
     center = volume.origin + volume.axes @ volume.spacing / 2
-    np.testing.assert_allclose(center, [-6.6536341e-3, -77.413532e-3, 70e-3], atol=1e-9)
+    np.testing.assert_allclose(center, [6.6536341e-3, 77.413532e-3, 70e-3], atol=1e-9)
     assert [(volume.labels == label).sum() for label in (1, 5, 10)] == [127311, 1532154, 25228]
 
 
