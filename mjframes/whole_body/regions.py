@@ -15,7 +15,7 @@ from mjframes.constants import RIGID_RATIO
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.regions import frame_sets
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.rigid import motion_basis
 from mjframes.rotations import with_rotations
 from mjframes.stiffness import Stiffness
 from mjframes.whole_body.selection import Part
@@ -62,20 +62,18 @@ def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], hel
     besides, many times larger than the frame's, and other frames would follow that wherever the bone turns. A body of
     one frame has nothing else to strain.
     """
-    rigid = np.array([material.is_rigid for material in grid.table])[grid.material]
-    inside = sparse.csr_array(weights[rigid]).tocsc()
-    own = (
-        {i for i in range(held, len(types)) if inside[:, [i]].max() > OWN} if rigid.any() and len(types) > 1 else set()
-    )
-    return sorted(i for i in own if types[i] not in ("point", "rigid"))
+    rigid = grid.piece >= 0
+    if not rigid.any() or len(types) == 1:
+        return []
+    most = weights[rigid].max(axis=0).toarray().ravel()
+    return [i for i in range(held, len(types)) if most[i] > OWN and types[i] not in ("point", "rigid")]
 
 
 def _bone(part: Part, control: ControlPoints, frame: int) -> Part:
     """What keeps the points of a frame in shape."""
     own = control.frame[part.points] == frame
     points = part.points[own]
-    rest = control.rest[points]
-    rigid = np.linalg.qr(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))[0]
+    rigid = motion_basis(control.rest[points])
     firmness = RIGID_RATIO * np.mean(np.diagonal(part.matrix)[np.repeat(own, 3)])
     return Part(points, firmness * (np.eye(len(rigid)) - rigid @ rigid.T))
 
