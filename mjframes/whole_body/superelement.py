@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 
 DEPENDENT = 1e-9  # [-] eigenvalue of the functionals' scaled Gram matrix below which one follows from the others
 STIFFEST = 1e-12  # [-] least eigenvalue of scaled S: what moves less is rounding, and counts as that stiff
+NOTHING = 1e-14  # [-] to the largest: a diagonal that is rounding, as of one point beside the line of others
 STRAIN = 1.0  # [-] stiffness of straining a rigid frame's points, to the mean of moving them
 
 
@@ -104,10 +105,13 @@ def degrees(points: NDArray[np.integer]) -> NDArray[np.int64]:
 def scaled_eigenvectors(matrix: Array) -> tuple[Array, Array]:
     """λ (n,), ascending, and S V (n, n) with S A S = V λ Vᵀ, whose diagonal is ones; A⁻¹ = S V λ⁻¹ (S V)ᵀ.
 
-    So what is soft is told from what is nothing, however much stiffer the rest is.
+    So what is soft is told from what is nothing, however much stiffer the rest is. NOTHING on the diagonal is 0.
     """
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
-    value, vector = np.linalg.eigh(matrix * scale * scale[:, None])
+    diagonal = np.diagonal(matrix)
+    largest = diagonal.max(initial=np.finfo(float).tiny)
+    some = diagonal > NOTHING * largest
+    scale = 1 / np.sqrt(np.where(some, diagonal, largest))
+    value, vector = np.linalg.eigh(matrix * (scale * some) * (scale * some)[:, None])
     return np.asarray(value, np.float64), scale[:, None] * vector
 
 
