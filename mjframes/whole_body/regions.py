@@ -14,7 +14,6 @@ from scipy import sparse
 from mjframes.constants import RIGID_RATIO
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
-from mjframes.regions import frame_sets
 from mjframes.rigid import motion_basis
 from mjframes.rotations import with_rotations
 from mjframes.stiffness import Stiffness
@@ -26,7 +25,8 @@ STILL = 1e-12  # [-] stiffness, to the largest, that is rounding
 
 def regions_of(
     grid: Grid,
-    weights: sparse.csr_array,
+    label: NDArray[np.integer],
+    sets: Sequence[NDArray[np.integer]],
     control: ControlPoints,
     parts: Sequence[Part],
     links: Sequence[str],
@@ -34,17 +34,17 @@ def regions_of(
 ) -> tuple[Stiffness, NDArray[np.int32]]:
     """Return the regions' stiffness, and the region (n,) of each voxel.
 
-    weights: (n, f) at the voxels.  parts: (f,) what each frame adds.  links: the bodies that hold the first frames;
-    what only frames of one body would share needs no region, nor does a frame that nothing strains, as a rigid root.
-    bones: frames that hold a rigid piece, each of which gets a region of its own besides, of no voxels, against strain.
+    label: (n,) which of the `sets` of frames moves each voxel.  parts: (f,) what each frame adds.  links: the bodies
+    that hold the first frames; what only frames of one body would share needs no region, nor does a frame that nothing
+    strains, as a rigid root.  bones: frames that hold a rigid piece, each of which gets a region of its own besides, of
+    no voxels, against strain.
     """
     held = [{links[i] for i in control.frame[part.points]} if f < len(links) else set() for f, part in enumerate(parts)]
     firm = STILL * max(np.abs(part.matrix).max() for part in parts)
     kept = [
         f for f, part in enumerate(parts) if np.abs(part.matrix).max() > firm and (f >= len(links) or len(held[f]) > 1)
     ]
-    label, sets = frame_sets(weights)
-    region = np.array([_region_of(np.flatnonzero(row), parts, control, kept) for row in sets], np.int32)[label]
+    region = np.array([_region_of(some, parts, control, kept) for some in sets], np.int32)[label]
     regions = [parts[f] for f in kept] + [_bone(parts[f], control, f) for f in bones]
     stiffness = Stiffness(
         points=tuple(part.points for part in regions),
