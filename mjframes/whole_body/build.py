@@ -103,7 +103,10 @@ def whole_body(
     progress("refitting the weights")
     plain = shapes.at_voxels(grid)
     change, lifted = _followed(grid, shapes, plain, element, covariance, stiffness, region, blocks)
-    moved = _moved(finite.cases, plain, sparse.csr_array(plain + change), lifted, covariance, stiffness, region)
+    corrected = sparse.csr_array(plain + change)
+    x = coordinates(plain, corrected, covariance, finite.cases)
+    moved = displaced(lifted, stiffness, region, x)
+    moved += (corrected @ x.reshape(len(control.frame), -1)).reshape(moved.shape)
     error, where = measured(grid, finite.cases, finite.exact, moved)
     some = None
     if laws:
@@ -130,21 +133,6 @@ def _followed(
     first = np.unique(blocks, return_index=True)[1]
     lifted = lifting(functions + change, shapes.control, grid.axes, element, covariance, stiffness, region[first])
     return sparse.csr_array(change[blocks]), Lifting(lifted.mode[blocks], lifted.share)
-
-
-def _moved(
-    cases: LoadCases,
-    plain: sparse.csr_array,
-    corrected: sparse.csr_array,
-    lifted: Lifting,
-    covariance: Array,
-    stiffness: Stiffness,
-    region: NDArray[np.int32],
-) -> Array:
-    """(n, 3, c) how the frames move the voxels under the load cases. plain, corrected: see `coordinates`."""
-    x = coordinates(plain, corrected, covariance, cases)
-    found = displaced(lifted, stiffness, region, x)
-    return found + (corrected @ x.reshape(len(x) // 3, -1)).reshape(found.shape)
 
 
 def _counted(stage: str, progress: Callable[[str], None]) -> Progress:
