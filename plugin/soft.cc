@@ -531,7 +531,7 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
   if (starts_inertia_ && AnyAdds(m, d)) mj_makeM(m, d);
   if (changes_inertia_ && awake) StoreInertia(m, d);
   if (factor_) factor_->Factor(m, d);
-  if (last_) WriteContactRows(m, d, contact_scratch_.get());
+  if (last_) WriteConstraintRows(m, d, contact_scratch_.get());
 }
 
 // Whether an instance adds to d->M what it does not replace.

@@ -43,7 +43,7 @@ class SoftBody {
   // Validates instance `instance` of the model; on failure warns in one sentence and returns null.
   static std::unique_ptr<SoftBody> Create(const mjModel* m, int instance);
 
-  // Adds this step's forces and effective inertia; the model's last soft body then writes all contact rows.
+  // Adds this step's forces and effective inertia; the model's last soft body then writes all constraint rows.
   void Compute(const mjModel* m, mjData* d);
 
   // For sensors, outside Compute: positions and velocities as d has them now, and after that the energies [J].
@@ -53,6 +53,7 @@ class SoftBody {
 
   // Number of the patch of a geom, −1 if it has none.
   int FindPatch(int geom) const;
+  bool changes_inertia() const { return changes_inertia_; }
   double contact_radius() const { return contact_radius_; }
   const Kinematics& kinematics() const { return kinematics_; }
   const std::vector<Patch>& patches() const { return patches_; }
