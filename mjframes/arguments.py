@@ -180,6 +180,15 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command = commands.add_parser("check", help="try out the numerical stability: stiff bodies, large steps, impacts")
     command.set_defaults(command=functions["check"])
     command.add_argument("--quick", action="store_true", help="a tenth of the runs")
+    command.add_argument(
+        "--abuse",
+        type=_count,
+        nargs="?",
+        const=10_000,
+        metavar="EDITS",
+        help="instead, edit scenes at random: sizes, options, states, copies, rays, threads (default %(const)s edits)",
+    )
+    command.add_argument("--seed", type=_seed, default=0, help="of the first of those scenes (default %(default)s)")
     command.add_argument("--out", default="out", metavar="FOLDER", help="of table and map (default %(default)s)")
     return parser
 

@@ -270,6 +270,10 @@ def bench(arguments: argparse.Namespace) -> int:
 
 def check(arguments: argparse.Namespace) -> int:
     """Run bodies through extreme states; print and write what became of them."""
+    if arguments.abuse:
+        from mjframes.check.abuse import main as abuse
+
+        return abuse(arguments.abuse, arguments.seed)
     from mjframes.check import main as try_out
 
     return try_out(Path(arguments.out), arguments.quick)
