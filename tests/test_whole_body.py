@@ -21,6 +21,7 @@ from mjframes.regions import frame_sets
 from mjframes.view import soft
 from mjframes.whole_body.error import BodyError
 from mjframes.whole_body.following import assembled, compliance
+from mjframes.whole_body.regions import bone_frames
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import Superelement, degrees, moments, superelement
 
@@ -235,6 +236,17 @@ def test_a_bone_takes_the_strain_from_its_frame() -> None:
     dof = degrees(np.flatnonzero(made.control.frame == frame))
     values = np.linalg.eigvalsh(schur(total, dof))
     assert values[6] > 100 * np.median(np.linalg.eigvalsh(total))
+
+
+def test_only_frames_that_can_strain_are_kept_from_it_by_their_bone() -> None:
+    made = lame(False)
+    grid, weights = voxel_grid(made.fields.volume), made.fields.weights
+    (frame,) = bone_frames(grid, weights, made.types, 0)
+    assert weights[grid.piece >= 0][:, [frame]].min() == pytest.approx(1)
+    assert bone_frames(grid, weights, made.types, frame + 1) == []
+    for kind in ("rigid", "point"):
+        assert bone_frames(grid, weights, (kind,) * len(made.types), 0) == []
+    assert bone_frames(grid, sparse.csr_array(weights.sum(axis=1)[:, None]), ("affine",), 0) == []
 
 
 def test_a_stiffness_of_rounding_is_none() -> None:
