@@ -25,7 +25,6 @@ Shapes: x, rest, gradient (m, 3); K_e (3m, 3m), y (3m,), E_q (9, 3m), degrees of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,12 +73,6 @@ def shape_gradient(z: NDArray[np.float64]) -> NDArray[np.float64]:
     return offset @ np.linalg.inv(moment + (FLAT * np.trace(moment) + TINY) * np.eye(3))
 
 
-def _strain(x, rest, gradient):
-    rotation = closest_rotation(x.T @ gradient)
-    z = (x - x.mean(axis=0)) @ rotation
-    return rotation, z, (z - (rest - rest.mean(axis=0))).ravel()
-
-
 @dataclass(frozen=True, eq=False)
 class LawCell:
     """volume: V_q [m³].  law: of its material.  slope: E_q (9, 3m) [1/m], row 3r + a for F_ra."""
@@ -91,52 +84,6 @@ class LawCell:
     def deformation(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """F_q (1, 3, 3)."""
         return np.eye(3)[None] + (self.slope @ y).reshape(1, 3, 3)
-
-
-def region_energy(
-    x: NDArray[np.float64],
-    rest: NDArray[np.float64],
-    gradient: NDArray[np.float64],
-    stiffness: NDArray[np.float64],
-    cells: Sequence[LawCell] = (),
-) -> float:
-    """Elastic energy ½ yᵀ K_e y + Σ_q V_q ψ(F_q) [J] of one region."""
-    _, _, y = _strain(x, rest, gradient)
-    return 0.5 * float(y @ stiffness @ y) + sum(c.volume * float(energy(c.law, c.deformation(y))[0]) for c in cells)
-
-
-def region_response(
-    x: NDArray[np.float64],
-    rest: NDArray[np.float64],
-    gradient: NDArray[np.float64],
-    stiffness: NDArray[np.float64],
-    theta: float = 1.0,
-    shows: int | None = None,
-    cells: Sequence[LawCell] = (),
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m] of one region.
-
-    gradient: g.  theta: θ that it was made with.  shows: as many points, the first ones, show how the shape turns where
-    F does not; all unless given.
-    """
-    rotation, z, y = _strain(x, rest, gradient)
-    stretch = z.T @ gradient
-    twist = smallest_eigenvalue(np.trace(stretch) * np.eye(3) - stretch)
-    h = gradient.copy()
-    soft = theta * SOFT_TWIST + (1 - theta) * SOFT_TWIST_APART
-    h[:shows] += max(0.0, soft - twist) / soft * shape_gradient(z[:shows])
-    stack = cross_stack(z)
-    row = cross_stack(-h).reshape(-1, 3, 3).transpose(1, 0, 2).reshape(3, -1)
-    inverse = np.linalg.pinv(row @ stack, rcond=SINGULAR)  # points on a line can turn about it unseen
-    projection = np.eye(x.size) - stack @ inverse @ row
-    turn = np.kron(np.eye(len(x)), rotation)
-    slope = stiffness @ y
-    for cell in cells:
-        F = cell.deformation(y)
-        slope = slope + cell.volume * cell.slope.T @ stress(cell.law, F).ravel()
-        stiffness = stiffness + cell.volume * cell.slope.T @ projected_hessian(cell.law, F)[0] @ cell.slope
-    force = -turn @ projection.T @ slope
-    return force.reshape(-1, 3), (2 - theta) * turn @ projection.T @ stiffness @ projection @ turn.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,11 +150,38 @@ class CorotationalRegion:
         return np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True) @ axial
 
     def energy(self, x: NDArray[np.float64]) -> float:
-        """[J]"""
-        return region_energy(x, self.rest, self.effective_gradient(x)[1], self.stiffness, self.cells)
+        """½ yᵀ K_e y + Σ_q V_q ψ(F_q) [J]"""
+        _, _, y = self._strain(x, self.effective_gradient(x)[1])
+        cells = sum(c.volume * float(energy(c.law, c.deformation(y))[0]) for c in self.cells)
+        return 0.5 * float(y @ self.stiffness @ y) + cells
 
     def response(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m]."""
         theta, gradient = self.effective_gradient(x)
-        shows = self.fallback.parents if self.fallback else None
-        return region_response(x, self.rest, gradient, self.stiffness, theta, shows, self.cells)
+        rotation, z, y = self._strain(x, gradient)
+        stretch = z.T @ gradient
+        twist = smallest_eigenvalue(np.trace(stretch) * np.eye(3) - stretch)
+        h = gradient.copy()
+        shows = self.fallback.parents if self.fallback else None  # so many points, the first ones, show how it turns
+        soft = theta * SOFT_TWIST + (1 - theta) * SOFT_TWIST_APART
+        h[:shows] += max(0.0, soft - twist) / soft * shape_gradient(z[:shows])
+        stack = cross_stack(z)
+        row = cross_stack(-h).reshape(-1, 3, 3).transpose(1, 0, 2).reshape(3, -1)
+        inverse = np.linalg.pinv(row @ stack, rcond=SINGULAR)  # points on a line can turn about it unseen
+        projection = np.eye(x.size) - stack @ inverse @ row
+        turn = np.kron(np.eye(len(x)), rotation)
+        stiffness, slope = self.stiffness, self.stiffness @ y
+        for cell in self.cells:
+            F = cell.deformation(y)
+            slope = slope + cell.volume * cell.slope.T @ stress(cell.law, F).ravel()
+            stiffness = stiffness + cell.volume * cell.slope.T @ projected_hessian(cell.law, F)[0] @ cell.slope
+        force = -turn @ projection.T @ slope
+        return force.reshape(-1, 3), (2 - theta) * turn @ projection.T @ stiffness @ projection @ turn.T
+
+    def _strain(
+        self, x: NDArray[np.float64], gradient: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """R (3, 3), z (m, 3) and y (3m,), both centred, for g."""
+        rotation = closest_rotation(x.T @ gradient)
+        z = (x - x.mean(axis=0)) @ rotation
+        return rotation, z, (z - (self.rest - self.rest.mean(axis=0))).ravel()

@@ -12,12 +12,16 @@ from scipy import sparse
 from solved import Solved, rigid, solved
 
 import mjframes as mf
+from mjframes.control import control_points, control_weights
+from mjframes.finite_elements.element import CORNERS
+from mjframes.finite_elements.solver import body_solver
 from mjframes.frames import Frames, place
 from mjframes.grid import evened, voxel_grid
 from mjframes.regions import frame_sets
 from mjframes.view import soft
 from mjframes.whole_body.error import BodyError
 from mjframes.whole_body.following import assembled, compliance
+from mjframes.whole_body.regions import bone_frames
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import Superelement, degrees, moments, superelement
 
@@ -96,6 +100,35 @@ def test_its_energy_is_the_least_with_these_moments(held: int, frame_type: str) 
         assert np.linalg.norm((moved - exact)[~still]) < 0.01 * np.linalg.norm(exact)
 
 
+def test_moments_are_integrals_over_voxels() -> None:
+    """Weighted by the root of Young's modulus; exact where functions and fields are linear, however thin a sheet is."""
+    grid = voxel_grid(mf.Volume.from_labels(bar(4, 3)[:, 1:], (0.01, 0.02, 0.03), {1: SOFT, 2: HARD}))
+    weights = sparse.csr_array(np.ones((len(grid.index), 1)))
+    control, solver = control_points(grid, weights), body_solver(grid)
+    functionals, gram = moments(grid, weights, control, solver)
+    slope = np.array([0.3, -0.7, 0.5])
+    integral, products = np.zeros(4), np.zeros((4, 4))
+    for corner in CORNERS:  # Gauss's points
+        at = grid.centers + grid.axes @ ((corner - 0.5) / np.sqrt(3) * grid.spacing)
+        phi = control_weights(weights, control, at).toarray()
+        scaled = phi * (grid.cell_volume * np.sqrt(grid.young / HARD.young) / 8)[:, None]
+        integral += scaled.T @ (at @ slope)
+        products += scaled.T @ phi
+    nodes = grid.origin + solver.mesh.position * grid.spacing @ grid.axes.T
+    np.testing.assert_allclose(functionals.T @ (nodes @ slope), integral, rtol=1e-12)
+    np.testing.assert_allclose(gram, products, rtol=1e-9, atol=1e-12 * np.abs(products).max())
+
+
+def test_to_strain_a_rigid_frame_costs_as_much_as_to_move_it() -> None:
+    _, frames, element = small(0, "rigid")
+    for i in range(len(frames.types)):
+        dof = degrees(np.flatnonzero(frames.shapes.control.frame == i))
+        motion = np.linalg.qr(rigid(frames.shapes.control.rest[dof[::3] // 3]))[0]
+        own = element.matrix[np.ix_(dof, dof)]
+        strain = np.linalg.svd(motion, full_matrices=True)[0][:, 6:]
+        assert np.linalg.eigvalsh(strain.T @ own @ strain)[0] > 0.1 * np.trace(motion.T @ own @ motion) / 6
+
+
 @pytest.mark.parametrize("held", [0, 2])
 def test_rigid_motions_cost_nothing(held: int) -> None:
     _, frames, element = small(held)
@@ -130,6 +163,16 @@ def test_parts_are_exact_on_every_clique(frame_type: str) -> None:
     for part in parts:
         dof = degrees(part.points)
         np.testing.assert_allclose(schur(total, dof), schur(element.matrix, dof), atol=1e-6 * size)
+
+
+@pytest.mark.parametrize(("frame_type", "held"), [("affine", 0), ("rigid", 0), ("point", 1)])
+def test_parts_are_blind_to_rigid_motions(frame_type: str, held: int) -> None:
+    """Even those of points, whose weights do not turn with the body."""
+    _, frames, element = small(held, frame_type)
+    control = frames.shapes.control
+    for part in select(element.matrix, control, [list(range(i)) for i in range(len(frames.types))]):
+        motion = rigid(control.rest[part.points])
+        assert np.abs(part.matrix @ motion).max() < 1e-12 * np.abs(element.matrix).max()
 
 
 def test_whole_families_are_exact() -> None:
@@ -193,6 +236,17 @@ def test_a_bone_takes_the_strain_from_its_frame() -> None:
     dof = degrees(np.flatnonzero(made.control.frame == frame))
     values = np.linalg.eigvalsh(schur(total, dof))
     assert values[6] > 100 * np.median(np.linalg.eigvalsh(total))
+
+
+def test_only_frames_that_can_strain_are_kept_from_it_by_their_bone() -> None:
+    made = lame(False)
+    grid, weights = voxel_grid(made.fields.volume), made.fields.weights
+    (frame,) = bone_frames(grid, weights, made.types, 0)
+    assert weights[grid.piece >= 0][:, [frame]].min() == pytest.approx(1)
+    assert bone_frames(grid, weights, made.types, frame + 1) == []
+    for kind in ("rigid", "point"):
+        assert bone_frames(grid, weights, (kind,) * len(made.types), 0) == []
+    assert bone_frames(grid, sparse.csr_array(weights.sum(axis=1)[:, None]), ("affine",), 0) == []
 
 
 def test_a_stiffness_of_rounding_is_none() -> None:
