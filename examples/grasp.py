@@ -24,7 +24,7 @@ PAD, BACKING, FACE = (0.0225, 0.006, 0.036), 0.002, -0.0066  # [m] size, its glu
 PINCH, PEDESTAL = 0.152, 0.05  # [m] below the mount, of the block's middle; height of what the block stands on
 CLOSED, LIFTED, END, HEIGHT = 1.0, 2.5, 12.5, 0.1  # [s], [m]: it closes, lifts by HEIGHT, holds until END
 SIDES = ("gripper_right_pad", "gripper_left_pad")
-FULL = 255.0  # the actuator's set point of closed fingers
+GRIP = 150.0  # the set point of closed fingers, of 255: the pads of a 2F-85 tilt when more presses on a soft block
 
 SCENE = f"""<mujoco>
 <option cone="elliptic" impratio="100"/>
@@ -145,7 +145,7 @@ def lift(grasp: Grasp, watch: Callable[[mujoco.MjData], None] = lambda data: Non
     mujoco.mj_forward(model, data)  # places, for the first look
     for _ in range(round(END / model.opt.timestep)):
         rise = np.clip((data.time - CLOSED) / (LIFTED - CLOSED), 0, 1)
-        fingers.ctrl[0] = FULL * min(1.0, 2 * data.time / CLOSED)
+        fingers.ctrl[0] = GRIP * min(1.0, 2 * data.time / CLOSED)
         lift.ctrl[0] = HEIGHT * rise**2 * (3 - 2 * rise)
         watch(data)
         mujoco.mj_step(model, data)

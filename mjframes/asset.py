@@ -67,7 +67,7 @@ def save(body: SoftBody, path: str | os.PathLike[str]) -> None:
     if stiffness.fallback:
         arrays["region_fallback"] = np.concatenate(stiffness.fallback)
     if body.cells is not None:
-        arrays |= _packed_cells(body.cells)
+        arrays |= packed_cells(body.cells)
     if body.quadrature is not None:
         arrays |= _packed_quadrature(body.quadrature)
     for name, weights in (
@@ -166,7 +166,8 @@ def _restored_error(arrays: dict[str, np.ndarray]) -> BodyError | None:
     return BodyError(None if np.isnan(weight) else weight, pushes)
 
 
-def _packed_cells(cells: Cells) -> dict[str, np.ndarray]:
+def packed_cells(cells: Cells) -> dict[str, np.ndarray]:
+    """The arrays of the cells, ragged ones laid end to end."""
     return {
         "cell_count": np.array([len(volume) for volume in cells.volume]),
         "cell_volume": np.concatenate(cells.volume),
@@ -181,13 +182,18 @@ def _restored_cells(arrays: dict[str, np.ndarray], size: np.ndarray) -> Cells | 
         return None
     count = arrays["cell_count"]
     ends = np.cumsum(count)[:-1]
-    slopes = np.split(arrays["cell_slope"], np.cumsum(27 * count * size)[:-1])
     return Cells(
         volume=tuple(np.split(arrays["cell_volume"], ends)),
         material=tuple(np.split(arrays["cell_material"], ends)),
-        slope=tuple(slope.reshape(-1, 9, 3 * int(m)) for slope, m in zip(slopes, size, strict=True)),
+        slope=cell_slopes(arrays["cell_slope"], count, size),
         remainder=triangles(arrays["cell_remainder"], 3 * size),
     )
+
+
+def cell_slopes(values: np.ndarray, count: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
+    """E_q (q, 9, 3m) of each region from all of them end to end. count, size: (r,) cells and control points."""
+    parts = np.split(values, np.cumsum(27 * count * size)[:-1])
+    return tuple(part.reshape(-1, 9, 3 * int(m)) for part, m in zip(parts, size, strict=True))
 
 
 def _packed_quadrature(quadrature: Quadrature) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjframes.asset import lower_triangle
+from mjframes.asset import lower_triangle, packed_cells
 from mjframes.body import SoftBody
 from mjframes.carriers import Carrier
 from mjframes.constants import FORMAT_VERSION
@@ -142,13 +142,8 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
 
 
 def _cells(body: SoftBody, cells: Cells) -> dict[str, str]:
-    return {
-        "law_constants": encode(body.law_constants),
-        "cell_count": encode([len(volume) for volume in cells.volume]),
-        "cell_volume": encode(np.concatenate(cells.volume)),
-        "cell_material": encode(np.concatenate(cells.material)),
-        "cell_slope": encode(np.concatenate([slope.ravel() for slope in cells.slope])),
-    }
+    arrays = {"law_constants": body.law_constants, **packed_cells(cells)}
+    return {name: encode(values) for name, values in arrays.items() if name in ATTRIBUTES}
 
 
 def _hyperelastic(body: SoftBody, quadrature: Quadrature, rest: np.ndarray) -> dict[str, str]:

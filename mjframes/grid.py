@@ -64,6 +64,11 @@ class Grid:
         return self.padded[inside & np.logical_not(core)]
 
     @property
+    def length(self) -> float:
+        """[m] from the first to the last centre, along the index axis where that is longest."""
+        return float(np.max(np.ptp(self.index, axis=0) * self.spacing))
+
+    @property
     def label(self) -> NDArray[np.unsignedinteger]:
         """(n,) the material's label."""
         return self.labels[self.material]

@@ -48,6 +48,11 @@ def is_static(link: mujoco.MjsBody, holder: mujoco.MjsBody) -> bool:
     return all(not body.joints for body in path_of(link) if body not in shared)
 
 
+def moves(body: mujoco.MjsBody) -> bool:
+    """Whether it is on a kinematic tree or a mocap body."""
+    return any(outer.joints or outer.mocap for outer in path_of(body)[:-1])
+
+
 def pose_in_world(body: mujoco.MjsBody) -> Pose:
     """Of the body, in the world, at the model's reference configuration."""
     pose: Pose = (np.eye(3), np.zeros(3))

@@ -48,9 +48,10 @@ def attach(
 ) -> None:
     """Put a soft body into a spec, below the body `parent` of it.
 
-    pos [m], quat: where the volume's coordinate system goes, in `parent`.  name: of the body that holds it all; what
-    belongs to it is called name:something, so that no two soft bodies share a name.  contact: whether it collides with
-    the scene's geoms and other soft bodies, or how; never with what holds it.
+    pos [m], quat: where the volume's coordinate system goes, in `parent`. Where that moves and nothing of the body is
+    held, it only starts there and floats free of it: it goes below the world.  name: of the body that holds it all;
+    what belongs to it is called name:something, so that no two soft bodies share a name.  contact: whether it collides
+    with the scene's geoms and other soft bodies, or how; never with what holds it.
     spec: the one that `parent` belongs to, where the body has pieces attached to other bodies. Their poses at the
     reference configuration are those in which the soft body rests; its frames then hang on the one of these bodies
     below most of the others. Warns (BranchWarning) where such bodies are on several branches of the tree.
@@ -132,6 +133,10 @@ def _place(
     parent: mujoco.MjsBody, body: SoftBody, spec: mujoco.MjSpec | None, pos: Sequence[float], quat: Sequence[float]
 ) -> _Place:
     named = sorted({link for link in body.links if link != PARENT})
+    if not body.links and links.moves(parent):
+        in_world = links.compose(links.pose_in_world(parent), links.pose(pos, quat))
+        world = links.path_of(parent)[-1]
+        return _Place(world, printable(in_world[1]), printable_quaternion(links.quaternion(in_world[0])), {}, {})
     if not named:
         return _Place(parent, list(pos), list(quat), {PARENT: (np.eye(3), np.zeros(3))}, {})
     if spec is None:

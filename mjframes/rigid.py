@@ -17,6 +17,11 @@ def rigid_motions(points: NDArray[np.number], center: Array, scale: float) -> Ar
     return motion.reshape(-1, 6)
 
 
+def motion_basis(points: NDArray[np.number]) -> Array:
+    """Return (3s, 6) orthonormal for points (s, 3): their rigid motions."""
+    return np.linalg.qr(rigid_motions(points, points.mean(axis=0), size_of(points)))[0]
+
+
 def size_of(points: NDArray[np.number]) -> float:
     """Return the diagonal of the box around points (s, 3) [m], 1 for a single one."""
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjframes import forces
-from mjframes.asset import triangles
+from mjframes.asset import cell_slopes, triangles
 from mjframes.body import SoftBody
 from mjframes.configuration import ATTRIBUTES, decode, soft_name
 from mjframes.errors import MjframesError
@@ -84,17 +84,13 @@ class Soft:
             return [()] * len(self._sizes)
         laws = self._laws
         count = decode(self.configuration["cell_count"]).astype(int)
-        volumes, materials = decode(self.configuration["cell_volume"]), decode(self.configuration["cell_material"])
-        of_regions = np.split(decode(self.configuration["cell_slope"]), np.cumsum(27 * count * self._sizes)[:-1])
-        slopes = [
-            slope for some, m in zip(of_regions, self._sizes, strict=True) for slope in some.reshape(-1, 9, 3 * m)
+        ends = np.cumsum(count)[:-1]
+        volumes, materials = (np.split(decode(self.configuration[f"cell_{s}"]), ends) for s in ("volume", "material"))
+        slopes = cell_slopes(decode(self.configuration["cell_slope"]), count, self._sizes)
+        return [
+            tuple(LawCell(float(v), laws[int(number)], slope) for v, number, slope in zip(*some, strict=True))
+            for some in zip(volumes, materials, slopes, strict=True)
         ]
-        cells = [
-            LawCell(volume, laws[int(number)], slope)
-            for volume, number, slope in zip(volumes.tolist(), materials, slopes, strict=True)
-        ]
-        ends = np.cumsum(count)
-        return [tuple(cells[end - q : end]) for q, end in zip(count, ends, strict=True)]
 
     @property
     def _fallbacks(self) -> list[Fallback | None]:

@@ -16,10 +16,6 @@ constexpr double kSamePlace = 1e-9;  // [m]
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
-void SubtractScaled(double* __restrict out, const double* __restrict values, double scale, int n) {
-  for (int i = 0; i < n; i++) out[i] -= values[i] * scale;
-}
-
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
   const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
   return {body, body ? body->FindPatch(geom) : -1};
@@ -50,11 +46,6 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
     count++;
   }
   return count;
-}
-
-int RowCount(const mjModel* m, const mjContact& contact) {
-  if (contact.dim == 1) return 1;
-  return m->opt.cone == mjCONE_PYRAMIDAL ? 2 * (contact.dim - 1) : contact.dim;
 }
 
 // What constraint row `r` of the contact measures: translation along one world direction, rotation about another.
@@ -155,81 +146,10 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   }
 }
 
-// Jᵀ of the contact's normal as a dense vector: the mean of a pyramid's first two edges, or the first row.
-void NormalRow(const mjModel* m, const mjData* d, const mjContact& contact, double* out) {
-  const int edges = contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL ? 2 : 1;
-  const double part = 1.0 / edges;
-  std::fill(out, out + m->nv, 0.0);
-  for (int e = 0; e < edges; e++) {
-    const int i = contact.efc_address + e;
-    if (mj_isSparse(m)) {
-      for (int k = 0; k < d->efc_J_rownnz[i]; k++) {
-        const int at = d->efc_J_rowadr[i] + k;
-        out[d->efc_J_colind[at]] += part * d->efc_J[at];
-      }
-    } else {
-      for (int k = 0; k < m->nv; k++) out[k] += part * d->efc_J[i * m->nv + k];
-    }
-  }
-}
-
-// half = D^(−½) L^(−ᵀ) row where whatever of the row is not zero lies, in each tree, on one path from its root: there
-// the rows of L are packed and need no indices. False where it does not.
-bool SolvePaths(const mjModel* m, const mjData* d, ContactScratch* scratch) {
-  const double* row = scratch->row.data();
-  std::fill(scratch->half.begin(), scratch->half.end(), 0.0);
-  for (int last = m->nv - 1; last >= 0; last--) {
-    if (row[last] == 0) continue;
-    const int* path = m->M_colind + m->M_rowadr[last];
-    const int length = m->M_rownnz[last];
-    double* x = scratch->path.data();
-    for (int k = length - 1, dof = last; dof >= path[0]; dof--) {
-      if (dof == path[k]) {
-        x[k--] = row[dof];
-      } else if (row[dof] != 0) {
-        return false;
-      }
-    }
-    for (int k = length - 1; k > 0; k--) {
-      if (x[k] != 0) SubtractScaled(x, d->qLD + m->M_rowadr[path[k]], x[k], m->M_rownnz[path[k]] - 1);
-    }
-    for (int k = 0; k < length; k++) scratch->half[path[k]] = x[k] * scratch->sqrt_inverse[path[k]];
-    last = path[0];
-  }
-  return true;
-}
-
-// R is (1 − imp)/imp times the inverse inertia seen by the contact. MuJoCo took that of the rigid point masses;
-// here it is put right to J A⁻¹ Jᵀ, from diagA, which stays as it was: doing it again gives the same.
-void ScaleImpedance(const mjModel* m, mjData* d, const mjContact& contact, ContactScratch* scratch) {
-  const int body1 = m->geom_bodyid[contact.geom[0]], body2 = m->geom_bodyid[contact.geom[1]];
-  const double assumed = m->body_invweight0[2 * body1] + m->body_invweight0[2 * body2];
-  NormalRow(m, d, contact, scratch->row.data());
-  if (!SolvePaths(m, d, scratch)) {
-    mj_solveM2(m, d, scratch->half.data(), scratch->row.data(), scratch->sqrt_inverse.data(), 1);
-  }
-  const double actual = mju_dot(scratch->half.data(), scratch->half.data(), m->nv);
-  if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
-  for (int r = 0; r < RowCount(m, contact); r++) {
-    const int i = contact.efc_address + r;
-    const double impedance = d->efc_KBIP[4 * i + 2];
-    const double R = std::max(mjMINVAL, actual / assumed * d->efc_diagA[i] * (1 - impedance) / impedance);
-    d->efc_R[i] = R;
-    d->efc_D[i] = 1 / R;
-    if (d->nisland > 0) {
-      d->iefc_R[d->map_efc2iefc[i]] = R;
-      d->iefc_D[d->map_efc2iefc[i]] = 1 / R;
-    }
-  }
-}
-
 }  // namespace
 
 ContactScratch::ContactScratch(const mjModel* m)
-    : row(m->nv),
-      half(m->nv),
-      path(m->nv),
-      sqrt_inverse(m->nv),
+    : impedance(m),
       omega(kMaxCarried * m->nbody),
       share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)},
       touch(std::make_unique<TouchScratch>()) {}
@@ -244,8 +164,14 @@ void InstallCollisionHook() {
   }
 }
 
-void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
-  for (int i = 0; i < m->nv; i++) scratch->sqrt_inverse[i] = std::sqrt(d->qLDiagInv[i]);
+void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
+  Impedance& impedance = scratch->impedance;
+  impedance.Start(m, d);
+  for (int instance = 0; instance < m->nplugin; instance++) {
+    const SoftBody* body = GetSoftBody(m, d, instance);
+    if (body && body->changes_inertia()) impedance.Mark(body->kinematics());
+  }
+  impedance.ScaleOthers(m, d);
   Touch found[kMaxTouches];
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
@@ -253,7 +179,11 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   double highest = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
-    if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
+    if (contact.efc_address < 0) continue;
+    if (contact.geom[0] < 0 || contact.geom[1] < 0) {
+      if (impedance.Concerns(m, d, contact)) impedance.ScaleContact(m, d, contact);
+      continue;
+    }
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
       for (int s = 0; s < 2; s++) {
         pair[s] = contact.geom[s];
@@ -279,7 +209,10 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       next = 0;
       find();
     }
-    if (next == count) continue;
+    if (next == count) {
+      if (impedance.Concerns(m, d, contact)) impedance.ScaleContact(m, d, contact);
+      continue;
+    }
     Sides sides = {};
     for (int s = 0; s < 2; s++) {
       if (!side[s].body) continue;
@@ -293,7 +226,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     for (int s = 0; s < 2; s++) {
       for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
     }
-    ScaleImpedance(m, d, contact, scratch);
+    impedance.ScaleContact(m, d, contact);
     next++;
   }
 }

@@ -16,6 +16,7 @@
 #include <memory>
 #include <vector>
 
+#include "impedance.h"
 #include "kinematics.h"
 #include "linear.h"
 
@@ -45,9 +46,7 @@ struct TouchScratch;
 struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
   ~ContactScratch();
-  std::vector<double> row, half;            // J and D^(−½) L^(−ᵀ) Jᵀ             (nv)
-  std::vector<double> path;                 // of these, on one path of a tree    (≤ nv)
-  std::vector<double> sqrt_inverse;         // D^(−½)                             (nv)
+  Impedance impedance;
   std::vector<double> omega;                // ω of each control point
   std::array<std::vector<Share>, 2> share;  // by side: of the nodes         (≤ nv)
   std::unique_ptr<TouchScratch> touch;
@@ -56,9 +55,9 @@ struct ContactScratch {
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();
 
-// Writes the rows of every contact of every soft body and scales their impedance to the effective inertia, which
-// has to be complete and factored.
-void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch);
+// Writes the rows of every contact of every soft body, and the impedance of all constraint rows that soft bodies'
+// degrees of freedom are in, for the effective inertia, which has to be complete and factored.
+void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch);
 
 }  // namespace mjframes
 

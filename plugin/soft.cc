@@ -8,6 +8,7 @@
 #include <string>
 
 #include "multiversion.h"
+#include "options.h"
 #include "reader.h"
 
 namespace mjframes {
@@ -420,13 +421,7 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   reader.Check(!body->implicit_ || std::strcmp(reader.Text("mode"), "implicit") == 0,
                "mode has to be 'implicit' or 'explicit'");
   body->changes_inertia_ = ChangesInertia(m, instance);
-  reader.Check(m->opt.integrator != mjINT_RK4 || !body->implicit_,
-               "integrator RK4 evaluates forces between steps and cannot hold implicit elasticity: use Euler, "
-               "implicitfast, implicit or discrete, or build the body with mode=\"explicit\"");
-  reader.Check(m->opt.solver != mjSOL_PGS || m->opt.integrator == mjINT_DISCRETE || !body->changes_inertia_,
-               "solver PGS does not see the effective inertia: use Newton or CG");
-  reader.Check(m->opt.noslip_iterations == 0 || m->opt.integrator == mjINT_DISCRETE || !body->changes_inertia_,
-               "the noslip solver does not see the effective inertia: set noslip_iterations to 0");
+  if (const char* wrong = WrongOption(m, body->implicit_, body->changes_inertia_)) reader.Fail(wrong);
   if (reader.ok()) {
     body->alpha_ = reader.Number("alpha");
     body->beta_ = reader.Number("beta");
@@ -531,7 +526,17 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
   if (starts_inertia_ && AnyAdds(m, d)) mj_makeM(m, d);
   if (changes_inertia_ && awake) StoreInertia(m, d);
   if (factor_) factor_->Factor(m, d);
-  if (last_) WriteContactRows(m, d, contact_scratch_.get());
+  if (last_) WriteConstraintRows(m, d, contact_scratch_.get());
+}
+
+void SoftBody::CheckOptions(const mjModel* m, const mjData* d) {
+  for (int instance = 0; last_ && !told_ && instance < m->nplugin; instance++) {
+    const SoftBody* body = GetSoftBody(m, d, instance);
+    const char* wrong = body ? WrongOption(m, body->implicit_, body->changes_inertia_) : nullptr;
+    if (!wrong) continue;
+    mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], wrong);
+    told_ = true;
+  }
 }
 
 // Whether an instance adds to d->M what it does not replace.
@@ -660,6 +665,9 @@ void RegisterPlugin() {
   plugin.reset = +[](const mjModel*, mjtNum*, void*, int) {};
   plugin.compute = +[](const mjModel* m, mjData* d, int instance, int) {
     reinterpret_cast<SoftBody*>(d->plugin_data[instance])->Compute(m, d);
+  };
+  plugin.advance = +[](const mjModel* m, mjData* d, int instance) {
+    reinterpret_cast<SoftBody*>(d->plugin_data[instance])->CheckOptions(m, d);
   };
   g_slot = mjp_registerPlugin(&plugin);
 }

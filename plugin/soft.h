@@ -43,8 +43,12 @@ class SoftBody {
   // Validates instance `instance` of the model; on failure warns in one sentence and returns null.
   static std::unique_ptr<SoftBody> Create(const mjModel* m, int instance);
 
-  // Adds this step's forces and effective inertia; the model's last soft body then writes all contact rows.
+  // Adds this step's forces and effective inertia; the model's last soft body then writes all constraint rows.
   void Compute(const mjModel* m, mjData* d);
+
+  // At the end of a step, whether Compute was called in it or not: warns, once, of options that were made wrong since
+  // the data was created. The model's last soft body does so for all.
+  void CheckOptions(const mjModel* m, const mjData* d);
 
   // For sensors, outside Compute: positions and velocities as d has them now, and after that the energies [J].
   void Gather(const mjModel* m, const mjData* d) { kinematics_.Gather(m, d); }
@@ -53,6 +57,7 @@ class SoftBody {
 
   // Number of the patch of a geom, −1 if it has none.
   int FindPatch(int geom) const;
+  bool changes_inertia() const { return changes_inertia_; }
   double contact_radius() const { return contact_radius_; }
   const Kinematics& kinematics() const { return kinematics_; }
   const std::vector<Patch>& patches() const { return patches_; }
@@ -81,6 +86,7 @@ class SoftBody {
   bool starts_inertia_ = false;            // first of the model's instances that change it
   std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
   bool last_ = false;                      // of all instances
+  bool told_ = false;                      // what CheckOptions has to say
   double alpha_ = 0, beta_ = 0;            // Rayleigh damping [1/s], [s]
   double contact_radius_ = 0;              // [m]
   Kinematics kinematics_;

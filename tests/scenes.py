@@ -58,9 +58,26 @@ def compiled(
     for key, value in options.items():
         setattr(spec.option, key, value)
     for number, (body, pos, quat) in enumerate(bodies):
-        attach(spec.body(parent), body, f"soft{number}", pos, quat, contact, spec)
+        if body.links or parent == "world":
+            attach(spec.body(parent), body, f"soft{number}", pos, quat, contact, spec)
+        else:
+            attach_free(spec.body(parent), body, f"soft{number}", pos, quat, contact)
     model = spec.compile()
     return model, mujoco.MjData(model)
+
+
+def attach_free(
+    parent: mujoco.MjsBody,
+    body: SoftBody,
+    name: str,
+    pos: tuple[float, ...] = (0.0, 0.0, 0.0),
+    quat: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
+    contact: bool | Contact = True,
+) -> None:
+    """Below `parent` though it moves and holds nothing of the body, where `attach` would put it below the world."""
+    own = mujoco.MjSpec()
+    attach(own.worldbody, body, name[2:], pos, quat, contact)
+    parent.add_frame().attach_body(own.worldbody.first_body(), name[:2], "")
 
 
 def point_jacobian(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> np.ndarray:

@@ -17,12 +17,12 @@ def gripper(request: pytest.FixtureRequest) -> str | None:
 
 
 @pytest.mark.parametrize("scene", [soft_block, soft_pads], ids=["soft block", "soft pads"])
-def test_what_is_lifted_slips_by_a_millimetre_at_most(
+def test_what_is_lifted_slips_by_less_than_a_millimetre(
     scene: Callable[[str | None], Grasp], gripper: str | None
 ) -> None:
     grasp = scene(gripper)
     slip = lift(grasp)
-    assert slip < 1.2e-3  # [m], in 11.5 s
+    assert slip < 1e-3  # [m], in 11.5 s
     assert grasp.height == pytest.approx(PEDESTAL + BLOCK / 2 + HEIGHT, abs=2e-3)  # the lift sags under its own weight
     assert not any(warning.number for warning in grasp.data.warning)
     pedestal = grasp.model.geom("pedestal").id
@@ -31,7 +31,7 @@ def test_what_is_lifted_slips_by_a_millimetre_at_most(
 
 def test_without_friction_nothing_is_lifted() -> None:
     grasp = soft_block()
-    grasp.model.geom_friction[:, 0] = 0.01  # times two fingers of 15 N: less than the block's weight of 0.7 N
+    grasp.model.geom_friction[:, 0] = 0.01  # times two fingers of 9 N: less than the block's weight of 0.7 N
     assert lift(grasp) > 0.02
     assert grasp.height < PEDESTAL + BLOCK
 

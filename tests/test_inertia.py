@@ -8,7 +8,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from scenes import beam, compiled, dense_inertia, implicit_step, jumble, rigid_inertia
+from scenes import attach_free, beam, compiled, dense_inertia, implicit_step, jumble, rigid_inertia
 from shapes import mixed
 
 import mjframes as mf
@@ -102,7 +102,7 @@ def test_masses_and_armature_of_the_running_model_count() -> None:
 @pytest.mark.parametrize("driver", ["joint", "joint, later", "tendon"])
 def test_what_else_changes_the_inertia_of_slides_is_kept(driver: str) -> None:
     spec = mujoco.MjSpec.from_string(ROBOTS)
-    mf.attach(spec.body("hand"), beam(), "soft", contact=False, spec=spec)
+    attach_free(spec.body("hand"), beam(), "soft", contact=False)
     slides = [joint.name for joint in spec.joints if joint.name.startswith("soft")][:6]
     if driver == "tendon":
         tendon = spec.add_tendon(name="cord", armature=0.3)
@@ -128,7 +128,7 @@ def test_what_else_changes_the_inertia_of_slides_is_kept(driver: str) -> None:
 def test_with_sleep_enabled_the_factors_are_those_of_mujoco() -> None:
     spec = mujoco.MjSpec.from_string(ROBOTS)
     spec.option.enableflags = mujoco.mjtEnableBit.mjENBL_SLEEP
-    mf.attach(spec.body("hand"), beam(), "soft", contact=False, spec=spec)
+    attach_free(spec.body("hand"), beam(), "soft", contact=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

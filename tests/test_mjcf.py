@@ -272,6 +272,7 @@ FORBIDDEN = {
     "RK4": ("integrator", mujoco.mjtIntegrator.mjINT_RK4),
     "PGS": ("solver", mujoco.mjtSolver.mjSOL_PGS),
     "noslip": ("noslip_iterations", 1),
+    "dampers": ("disableflags", mujoco.mjtDisableBit.mjDSBL_SPRING | mujoco.mjtDisableBit.mjDSBL_DAMPER),
 }
 
 
@@ -284,6 +285,32 @@ def test_options_that_cannot_work_are_refused(option: str, warnings: list[str]) 
         mujoco.MjData(model)
     (sentence,) = warnings
     assert re.match(rf"mjframes: soft body 'soft0': .*{option} .*: (use|set) .*\.$", sentence)
+
+
+@pytest.mark.parametrize("option", FORBIDDEN)
+def test_options_that_are_made_wrong_later_are_told_once(option: str, warnings: list[str]) -> None:
+    model, data = compiled(FLOOR, (beam(), (0, 0, 1), TILTED), (beam(), (0, 1, 1), TILTED))
+    mujoco.mj_step(model, data)
+    assert not warnings
+    key, value = FORBIDDEN[option]
+    setattr(model.opt, key, value)
+    for _ in range(3):
+        mujoco.mj_step(model, data)
+    (sentence,) = warnings
+    assert re.match(rf"mjframes: soft body 'soft0': .*{option} .*: (use|set) .*\.$", sentence)
+
+
+@pytest.mark.parametrize("flag", [mujoco.mjtDisableBit.mjDSBL_SPRING, mujoco.mjtDisableBit.mjDSBL_DAMPER])
+def test_without_springs_or_without_dampers_elasticity_acts(flag: int, warnings: list[str]) -> None:
+    model, data = compiled(FLOOR, (beam(), (0, 0, 1), TILTED))
+    data.qpos[2] += 0.01
+    mujoco.mj_forward(model, data)
+    expected = data.qfrc_passive.copy()
+    model.opt.disableflags = flag
+    mujoco.mj_step(model, data)
+    np.testing.assert_array_equal(data.qfrc_passive, expected)
+    assert np.abs(expected).max() > 0
+    assert not warnings
 
 
 def test_the_discrete_integrator_allows_pgs_and_noslip() -> None:

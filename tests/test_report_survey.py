@@ -98,7 +98,7 @@ def test_finite_elements_bend_and_swing_a_beam_as_euler_and_bernoulli_say() -> N
     bent = known.moved[number, end, 2].mean()
     assert bent == pytest.approx(weight * length**3 / (8 * stiffness), rel=0.06)
     assert known.mesh.max() < 0.01
-    assert np.abs(known.moved).max() == pytest.approx(1e-3 * body.length, rel=1e-6)
+    assert np.abs(known.moved).max() == pytest.approx(1e-3 * body.grid.length, rel=1e-6)
 
 
 def test_a_free_body_is_solved_without_its_rigid_motions() -> None:

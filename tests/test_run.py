@@ -203,7 +203,11 @@ def test_load_scene(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("option", "value", "reason"),
-    [("integrator", mujoco.mjtIntegrator.mjINT_RK4, "RK4"), ("solver", mujoco.mjtSolver.mjSOL_PGS, "PGS")],
+    [
+        ("integrator", mujoco.mjtIntegrator.mjINT_RK4, "RK4"),
+        ("solver", mujoco.mjtSolver.mjSOL_PGS, "PGS"),
+        ("disableflags", mujoco.mjtDisableBit.mjDSBL_SPRING | mujoco.mjtDisableBit.mjDSBL_DAMPER, "dampers"),
+    ],
 )
 def test_the_plugins_reason_is_told(option: str, value: int, reason: str) -> None:
     rubber = Material(1e5, 0.4, 1000)

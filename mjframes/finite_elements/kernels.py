@@ -17,34 +17,13 @@ SCRATCH = 24 + COEFFICIENTS  # [rows of k] for the displacements or forces of a 
 
 
 @njit(**OPTIONS)
-def subtract_bricks(x, r, corner, material, coefficients, brick_planes, node_planes, scratch, lanes):
-    """r ← r − A x.
+def subtract_bricks(d, r, corner, material, coefficients, brick_planes, node_planes, scratch, lanes, smoothing):
+    """r ← r − A d, then as `step`, with (x, inverse, keep, gain) in `smoothing`, or nothing more where that is None.
 
+    Plane after plane, as what lies behind a plane is not needed any more.
     corner, material, brick_planes, node_planes: see `Mesh`.  coefficients: (m, 33) of each material's brick.
     scratch: SCRATCH rows of k, then the forces at two planes of nodes.
     """
-    k = len(lanes)
-    width = (len(scratch) - SCRATCH * k) // 2
-    s, here, beyond = scratch[: SCRATCH * k], scratch[SCRATCH * k :][:width], scratch[SCRATCH * k :][width:]
-    here[:] = 0
-    planes = len(node_planes) - 1
-    for p in range(planes):
-        begin, end = node_planes[p], node_planes[p + 1]
-        if p < planes - 1:
-            beyond[: (node_planes[p + 2] - end) * 3 * k] = 0
-            bricks = (brick_planes[p], brick_planes[p + 1])
-            _add_bricks(x, corner, material, coefficients, bricks, (begin, end), s, here, beyond, lanes)
-        forces, rs = here[: (end - begin) * 3 * k], r[begin * 3 * k : end * 3 * k]
-        for j in range(len(rs)):
-            rs[j] -= forces[j]
-        here, beyond = beyond, here
-
-
-@njit(**OPTIONS)
-def smooth_bricks(
-    d, r, x, inverse, keep, gain, corner, material, coefficients, brick_planes, node_planes, scratch, lanes
-):
-    """r ← r − A d, then as `step`: plane after plane, as what lies behind a plane is not needed any more."""
     k = len(lanes)
     width = (len(scratch) - SCRATCH * k) // 2
     s, here, beyond = scratch[: SCRATCH * k], scratch[SCRATCH * k :][:width], scratch[SCRATCH * k :][width:]
@@ -59,7 +38,9 @@ def smooth_bricks(
         forces, rs = here[: (end - begin) * 3 * k], r[begin * 3 * k : end * 3 * k]
         for j in range(len(rs)):
             rs[j] -= forces[j]
-        step(d, r, x, inverse, keep, gain, begin, end, lanes)
+        if smoothing is not None:
+            x, inverse, keep, gain = smoothing
+            step(d, r, x, inverse, keep, gain, begin, end, lanes)
         here, beyond = beyond, here
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,33 +10,8 @@ from numpy.typing import NDArray
 from mjframes.finite_elements import kernels
 
 Floats = NDArray[np.floating]
+Real = np.floating
 Lanes = tuple[int, ...]
-
-
-class Matrix(Protocol):
-    """What smoothing and conjugate gradients need of A."""
-
-    def scratch(self, k: int) -> Floats:
-        """Return memory for the other two methods."""
-        ...
-
-    def subtract(self, x: Floats, r: Floats, scratch: Floats, lanes: Lanes) -> None:
-        """r ← r − A x."""
-        ...
-
-    def smooth(
-        self,
-        d: Floats,
-        r: Floats,
-        x: Floats,
-        inverse: Floats,
-        keep: np.floating,
-        gain: np.floating,
-        scratch: Floats,
-        lanes: Lanes,
-    ) -> None:
-        """r ← r − A d,  d ← keep d + gain D⁻¹ r,  x ← x + d; inverse: (N, 3) of D."""
-        ...
 
 
 class Bricks(NamedTuple):
@@ -49,28 +24,23 @@ class Bricks(NamedTuple):
     node_planes: NDArray[np.int64]
 
     def scratch(self, k: int) -> Floats:
+        """Return memory for the other two methods."""
         rows = kernels.SCRATCH + 2 * 3 * int(np.diff(self.node_planes).max())
         return np.zeros(rows * k, self.coefficients.dtype)
 
     def subtract(self, x: Floats, r: Floats, scratch: Floats, lanes: Lanes) -> None:
-        kernels.subtract_bricks(x, r, *self, scratch, lanes)
+        """r ← r − A x."""
+        kernels.subtract_bricks(x, r, *self, scratch, lanes, None)
 
     def smooth(
-        self,
-        d: Floats,
-        r: Floats,
-        x: Floats,
-        inverse: Floats,
-        keep: np.floating,
-        gain: np.floating,
-        scratch: Floats,
-        lanes: Lanes,
+        self, d: Floats, r: Floats, x: Floats, inverse: Floats, keep: Real, gain: Real, scratch: Floats, lanes: Lanes
     ) -> None:
-        kernels.smooth_bricks(d, r, x, inverse, keep, gain, *self, scratch, lanes)
+        """r ← r − A d,  d ← keep d + gain D⁻¹ r,  x ← x + d; inverse: (N, 3) of D."""
+        kernels.subtract_bricks(d, r, *self, scratch, lanes, (x, inverse, keep, gain))
 
 
 class BlockRows(NamedTuple):
-    """A coarse matrix: 3 × 3 blocks in value (b, 9), those of row i from start[i] on."""
+    """A coarse matrix: 3 × 3 blocks in value (b, 9), those of row i from start[i] on. Methods as those of `Bricks`."""
 
     start: NDArray[np.int64]
     column: NDArray[np.int32]
@@ -83,15 +53,10 @@ class BlockRows(NamedTuple):
         kernels.subtract_blocks(x, r, *self, lanes)
 
     def smooth(
-        self,
-        d: Floats,
-        r: Floats,
-        x: Floats,
-        inverse: Floats,
-        keep: np.floating,
-        gain: np.floating,
-        scratch: Floats,
-        lanes: Lanes,
+        self, d: Floats, r: Floats, x: Floats, inverse: Floats, keep: Real, gain: Real, scratch: Floats, lanes: Lanes
     ) -> None:
         kernels.subtract_blocks(d, r, *self, lanes)
         kernels.step(d, r, x, inverse, keep, gain, 0, len(inverse), lanes)
+
+
+Matrix = Bricks | BlockRows

@@ -2,7 +2,8 @@
 
 1. Whitening. One cycle for each column gives S₀ = BᵀM B. Its eigenvectors make combinations B W of the columns with
    compliances of about one, so that an error counts in the stiffest as in the softest.
-2. Conjugate gradients for the columns of B W, which start with the combinations of the cycles' results, give X.
+2. Conjugate gradients for the columns of B W give X. They start with cycles of their own: where columns cancel, the
+   sum of the cycles before would be more rounding than sum.
 3. Galerkin's method in the span of all of X: with G = XᵀAX and Y = XᵀB the displacements are C X G⁻¹Y, and
    S = YᵀG⁻¹Y. So S is positive semidefinite and at most the exact one, and its error is but the square of X's.
 
@@ -75,10 +76,8 @@ def respond(
     with threadpool_limits(1, "blas"):  # the batches are spread over the processors already
         basis = _basis(solver, forces)
         report = reporter(progress, _batches(len(basis), k) + _batches(basis.shape[1], k))
-        x, first = _cycles(solver, forces, len(basis), report)
-        combinations = _whitening(first, basis)
-        _combine(x, combinations, k)
-        energies, work = _solve(solver, forces, combinations, x, tolerance, report)
+        combinations = _whitening(_cycles(solver, forces, len(basis), report), basis)
+        x, energies, work = _solve(solver, forces, combinations, tolerance, report)
         weights = _pseudo_inverse(energies) @ work.T
         compliance = work @ weights / solver.levels.unit
         return Response((compliance + compliance.T) / 2, _moved(centre, x, weights / solver.levels.unit, k))
@@ -105,20 +104,16 @@ def _basis(solver: BodySolver, forces: sparse.csr_array) -> Array:
     return scale[:, None] * vectors[:, np.count_nonzero(values > NOISE * values[0]) :]
 
 
-def _cycles(
-    solver: BodySolver, forces: sparse.csr_array, count: int, report: Callable[[], None]
-) -> tuple[list[Floats], Array]:
-    """M B of the `count` columns, a batch an array, and S₀."""
+def _cycles(solver: BodySolver, forces: sparse.csr_array, count: int, report: Callable[[], None]) -> Array:
+    """S₀ of the `count` columns."""
     k, columns = solver.levels.columns, np.eye(count)
-    x = [np.empty(solver.levels.nodes * 3 * k, np.float32) for _ in range(_batches(len(columns), k))]
 
     def improve(batch: Batch, number: int) -> Array:
         load(forces, _batch(columns, number, k), batch.r[0])
-        x[number][:] = found = precondition(solver.levels, batch)
-        return moments(forces, found, k)
+        return moments(forces, precondition(solver.levels, batch), k)
 
-    parts = [part for some in in_rounds(solver.levels, len(x), improve, report) for _, part in some]
-    return x, np.hstack(parts)[:, : len(columns)]
+    rounds = in_rounds(solver.levels, _batches(count, k), improve, report)
+    return np.hstack([part for some in rounds for _, part in some])[:, :count]
 
 
 def _whitening(compliance: Array, basis: Array) -> Array:
@@ -130,41 +125,24 @@ def _whitening(compliance: Array, basis: Array) -> Array:
     return (basis * scale @ vectors / np.sqrt(np.maximum(values, least)))[:, ::-1]
 
 
-def _combine(x: list[Floats], combinations: Array, k: int) -> None:
-    """X ← X W, in place; batches that are left over are dropped."""
-    left = _batches(combinations.shape[1], k)
-    weights = np.zeros((len(x) * k, left * k), x[0].dtype)
-    weights[: len(combinations), : combinations.shape[1]] = combinations
-    tables = [table.reshape(-1, k) for table in x]
-
-    def change(start: int) -> None:
-        rows = slice(start, start + CHUNK)
-        mixed = np.hstack([table[rows] for table in tables]) @ weights
-        for number in range(left):
-            tables[number][rows] = mixed[:, number * k : (number + 1) * k]
-
-    for _ in in_parallel(change, range(0, len(tables[0]), CHUNK)):
-        pass
-    del x[left:]
-
-
 def _solve(
     solver: BodySolver,
     forces: sparse.csr_array,
     combinations: Array,
-    x: list[Floats],
     tolerance: float,
     report: Callable[[], None],
-) -> tuple[Array, Array]:
-    """G (c, c) and Yᵀ (3m, c) of X, which is solved for in place: from M B W to A⁻¹B W."""
+) -> tuple[list[Floats], Array, Array]:
+    """X = A⁻¹B W, a batch an array, G (c, c) and Yᵀ (3m, c)."""
     k, columns = solver.levels.columns, combinations.shape[1]
+    x = [np.empty(solver.levels.nodes * 3 * k, np.float32) for _ in range(_batches(columns, k))]
     energies = np.zeros((len(x) * k,) * 2)
     work = np.zeros((len(combinations), len(x) * k))
 
     def improve(batch: Batch, number: int) -> None:
         chosen = _batch(combinations, number, k)
         load(forces, chosen, batch.residual)
-        batch.direction[:] = x[number]
+        batch.r[0][:] = batch.residual
+        batch.direction[:] = precondition(solver.levels, batch)
         conjugate.solve(solver.levels, batch, batch.residual, batch.solution, batch.direction, tolerance)
         if not solver.held:
             solver.remove_rigid(batch.solution)
@@ -185,7 +163,7 @@ def _solve(
         for _ in in_parallel(lambda item: pair(*item), [(batch, done + i) for i, (batch, _) in enumerate(some)]):
             pass
         done += len(some)
-    return (energies + energies.T)[:columns, :columns] / 2, work[:, :columns]
+    return x, (energies + energies.T)[:columns, :columns] / 2, work[:, :columns]
 
 
 def _pseudo_inverse(matrix: Array) -> Array:

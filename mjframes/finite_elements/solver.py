@@ -14,7 +14,7 @@ from mjframes.finite_elements.levels import Levels, body_levels
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.mesh import Mesh, body_mesh
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.rigid import motion_basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,7 @@ class BodySolver:
     @cached_property
     def rigid(self) -> Floats:
         """(3N, 6) orthonormal: the rigid motions of the nodes."""
-        position = self.mesh.position * self.grid.spacing
-        return np.linalg.qr(rigid_motions(position, position.mean(axis=0), size_of(position)))[0].astype(
-            self.levels.dtype
-        )
+        return motion_basis(self.mesh.position * self.grid.spacing).astype(self.levels.dtype)
 
     def remove_rigid(self, x: Floats) -> None:
         """Take the rigid motions out of displacements (N, 3, k) of the nodes."""

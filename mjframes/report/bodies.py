@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mjframes.grid import Grid, voxel_grid
 from mjframes.material import Material
 from mjframes.report.cases import DENSITY, STEAK, Array, Mask
-from mjframes.rigid import rigid_motions
+from mjframes.rigid import motion_basis
 from mjframes.volume import Volume
 
 PUSHED = (0.01, 0.05, 0.2)  # [-] of the surface
@@ -62,18 +62,11 @@ class Body:
             return np.zeros(len(self.grid.index), bool)
         return self.fixed[tuple(self.grid.index.T)]
 
-    @property
-    def length(self) -> float:
-        """[m] of the longest edge of the bounding box."""
-        return float(np.max(np.ptp(self.grid.index, axis=0) * self.grid.spacing))
-
-    @property
+    @cached_property
     def motions(self) -> Array:
         """(3n, 6) orthonormal rigid motions of the voxels of a free body; (3n, 0) of one that is held."""
         centers = self.grid.centers
-        if self.fixed is not None:
-            return np.zeros((centers.size, 0))
-        return np.linalg.qr(rigid_motions(centers, centers.mean(axis=0), self.length))[0]
+        return motion_basis(centers) if self.fixed is None else np.zeros((centers.size, 0))
 
     def apart(self, field: Array) -> Array:
         """Displacements (n, 3) without rigid motions that nothing holds."""

@@ -62,11 +62,6 @@ class Case:
         held = self.fixed[tuple(self.grid.index.T)]
         return held | ((self.grid.piece >= 0) & np.isin(self.grid.piece, self.grid.piece[held]))
 
-    @property
-    def length(self) -> float:
-        """[m] of the longest edge of the bounding box."""
-        return float(np.max(np.ptp(self.grid.index, axis=0) * self.grid.spacing))
-
     def quantity(self, moved: Array) -> float:
         """The quantity of interest [m] of displacements (n, 3)."""
         return float(np.sum(self.goal * moved))

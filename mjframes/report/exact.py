@@ -6,10 +6,7 @@ distance of the two is what the mesh that `build` has is off by. Frequencies are
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +19,7 @@ from mjframes.report.bodies import Body, all_bodies
 from mjframes.report.bricks import Bricks, at_centers, bricks, linear_stiffness, nodal_load
 from mjframes.report.cases import SMALL
 from mjframes.report.incompatible import consistent_mass, incompatible_stiffness
+from mjframes.report.processes import by_name
 from mjframes.report.reference import linear_solutions
 
 Array = NDArray[np.float64]
@@ -52,19 +50,12 @@ class Exact:
 def exact_solution(body: Body) -> Exact:
     """Computed once, then kept."""
     loads = np.array([load.force for load in body.loads()])
-    fixed = body.fixed is not None and body.fixed
-    return Exact(**cached("exact", (body.volume, fixed, loads, TOLERANCE), lambda: _solve(body, loads)))
+    return Exact(**cached("exact", (body.volume, body.fixed, loads, TOLERANCE), lambda: _solve(body, loads)))
 
 
 def exact_solutions(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Exact]:
     """Those of bodies of the full report, by name, several at once."""
-    workers = min(len(os.sched_getaffinity(0)), len(names))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        jobs = {name: pool.submit(_named, name) for name in names}
-        for name in names:
-            progress(f"finite elements: {name}")
-            jobs[name].result()
-    return {name: job.result() for name, job in jobs.items()}
+    return by_name(_named, names, progress)
 
 
 def _named(name: str) -> Exact:
@@ -79,7 +70,7 @@ def _solve(body: Body, loads: Array) -> dict[str, Array]:
     else:
         moved = _direct(body, mesh, linear_stiffness(mesh), loads)
     stiffness = incompatible_stiffness(voxels)
-    scale = SMALL * body.length / np.abs(moved).max(axis=(1, 2), keepdims=True)
+    scale = SMALL * body.grid.length / np.abs(moved).max(axis=(1, 2), keepdims=True)
     found = {"loads": loads, "moved": moved, "coarse": _direct(body, voxels, stiffness, loads)}
     frequencies = _frequencies(body, voxels, stiffness)
     return {name: scale * fields for name, fields in found.items()} | {"frequencies": frequencies}

@@ -134,7 +134,7 @@ def draw_shapes(path: Path, outcomes: Sequence[Outcome]) -> None:
     rows = figure.subplots(len(outcomes), 2, squeeze=False)
     for panels, outcome in zip(rows, outcomes, strict=True):
         case, exact = outcome.case, outcome.reference.moved
-        scale = max(1.0, DRAWN * case.length / np.abs(exact).max())
+        scale = max(1.0, DRAWN * case.grid.length / np.abs(exact).max())
         axis, up = _view(exact, np.ptp(case.grid.index, axis=0))
         links = _links(case.grid.index, 3 - axis - up)
         named = list(outcome.shapes.items()) or [("", exact)]

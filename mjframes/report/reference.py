@@ -6,10 +6,7 @@ of order 1 with the same nodes preconditions all orders.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +18,7 @@ from mjframes.cache import cached
 from mjframes.errors import MjframesError
 from mjframes.report.bricks import Bricks, at_centers, bricks, internal_force, linear_stiffness, nodal_load
 from mjframes.report.cases import Case, all_cases
+from mjframes.report.processes import by_name
 from mjframes.rigid import rigid_motions, size_of
 
 Array = NDArray[np.float64]
@@ -72,17 +70,10 @@ def refined(case: Case) -> Reference:
 
 def references(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Reference]:
     """Those of cases of the full report, by name, several at once."""
-    workers = min(len(os.sched_getaffinity(0)), len(names))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        jobs = {name: pool.submit(_named, name) for name in names}
-        for name in names:
-            progress(f"finite elements: {name}")
-            jobs[name].result()
-    return {name: job.result() for name, job in jobs.items()}
+    return by_name(_named, names, progress)
 
 
 def _named(name: str) -> Reference:
-    """Cases hold functions and cannot be sent to another process."""
     return refined(next(case for case in all_cases(quick=False) if case.name == name))
 
 
@@ -95,7 +86,7 @@ def _solve(case: Case) -> dict[str, Array]:
         low = mesh if order == 1 else bricks(case.grid, case.held, 1, order * split)
         moved = linear_solution(mesh, low, load)
         if not fields:
-            scale = case.amplitude * case.length / np.abs(at_centers(mesh, moved)).max()
+            scale = case.amplitude * case.grid.length / np.abs(at_centers(mesh, moved)).max()
             load, moved = scale * load, scale * moved
         if case.nonlinear:
             moved = nonlinear_solution(mesh, low, load)

@@ -28,7 +28,7 @@ from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
 from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import families, select
-from mjframes.whole_body.superelement import superelement
+from mjframes.whole_body.superelement import Superelement, superelement
 
 Array = NDArray[np.float64]
 
@@ -88,36 +88,51 @@ def whole_body(
     types: (f,) of the frames.  links: the bodies that hold the first ones.  laws: of each material of the grid's table,
     none for the corotational law.  progress: called with what is being done.
     """
-    held, control, k = len(links), shapes.control, len(shapes.control.frame)
+    held, control = len(links), shapes.control
     progress("condensing the whole body")
     label, sets = frame_sets(shapes.weights)
+    frames_of = [np.flatnonzero(row) for row in sets]
     blocks = blocks_of(grid, label, finite.solver.node[:, 0] < 0)
     report = _counted("condensing the whole body", progress)
     bones = bone_frames(grid, shapes.weights, types, held)
     types = tuple("rigid" if i in bones else kind for i, kind in enumerate(types))
     element = superelement(grid, shapes.weights, control, types, held, finite.solver, blocks, report)
-    parts = select(element.matrix, control, families([np.flatnonzero(row) for row in sets], len(types)))
-    stiffness, region = regions_of(grid, shapes.weights, control, parts, links, bones)
-    covariance = compliance(assembled(stiffness, k), control, types, held)
+    parts = select(element.matrix, control, families(frames_of, len(types)))
+    stiffness, region = regions_of(grid, label, frames_of, control, parts, links, bones)
+    covariance = compliance(assembled(stiffness, len(control.frame)), control, types, held)
     progress("refitting the weights")
-    mean, plain = averages(blocks), shapes.at_voxels(grid)
-    weights, functions = (sparse.csr_array(mean @ some) for some in (shapes.weights, plain))
-    weights.sort_indices()
-    change = correction(weights, functions, control, grid.axes, element, covariance)
-    following = ShapeFunctions(shapes.weights, control, sparse.csr_array(change[blocks]))
-    first = np.unique(blocks, return_index=True)[1]
-    lifted = lifting(functions + change, control, grid.axes, element, covariance, stiffness, region[first])
-    lifted = Lifting(lifted.mode[blocks], lifted.share)
-    functions = following.at_voxels(grid)
-    x = coordinates(plain, functions, covariance, finite.cases)
-    found = displaced(lifted, stiffness, region, x)
-    found += (functions @ x.reshape(k, -1)).reshape(found.shape)
-    error, where = measured(grid, finite.cases, finite.exact, found)
+    plain = shapes.at_voxels(grid)
+    change, lifted = _followed(grid, shapes, plain, element, covariance, stiffness, region, blocks)
+    corrected = sparse.csr_array(plain + change)
+    x = coordinates(plain, corrected, covariance, finite.cases)
+    moved = displaced(lifted, stiffness, region, x)
+    moved += (corrected @ x.reshape(len(control.frame), -1)).reshape(moved.shape)
+    error, where = measured(grid, finite.cases, finite.exact, moved)
     some = None
     if laws:
         progress("placing the cells")
-        some = cells(grid, shapes.control, types, held, element, stiffness, region, blocks, laws, len(bones))
-    return WholeBody(stiffness, region, following, lifted, error, where, some)
+        some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
+    return WholeBody(stiffness, region, ShapeFunctions(shapes.weights, control, change), lifted, error, where, some)
+
+
+def _followed(
+    grid: Grid,
+    shapes: ShapeFunctions,
+    plain: sparse.csr_array,
+    element: Superelement,
+    covariance: Array,
+    stiffness: Stiffness,
+    region: NDArray[np.int32],
+    blocks: NDArray[np.integer],
+) -> tuple[sparse.csr_array, Lifting]:
+    """ΔW (n, k) and the modes of the voxels, fitted at the element's places. plain: (n, k) w_i φ_j."""
+    mean = averages(blocks)
+    weights, functions = (sparse.csr_array(mean @ some) for some in (shapes.weights, plain))
+    weights.sort_indices()
+    change = correction(weights, functions, shapes.control, grid.axes, element, covariance)
+    first = np.unique(blocks, return_index=True)[1]
+    lifted = lifting(functions + change, shapes.control, grid.axes, element, covariance, stiffness, region[first])
+    return sparse.csr_array(change[blocks]), Lifting(lifted.mode[blocks], lifted.share)
 
 
 def _counted(stage: str, progress: Callable[[str], None]) -> Progress:

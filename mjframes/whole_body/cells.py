@@ -32,10 +32,10 @@ from mjframes.control import ControlPoints
 from mjframes.grid import Grid
 from mjframes.laws import LawParameters, hessian
 from mjframes.regions import members_of
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.rigid import motion_basis, rigid_motions, size_of
 from mjframes.stiffness import Stiffness, blind_to_translations
 from mjframes.whole_body.following import assembled
-from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
+from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
 
 Array = NDArray[np.float64]
 
@@ -223,12 +223,10 @@ def _motions(stiffness: Array, basis: Array, rest: Array) -> tuple[Array, Array]
     """Of motions in the span of `basis`: a root of K⁺ (3k, z), its product with its transpose, and (3k, i) those that
     cost nothing but are not rigid.
     """
-    matrix = basis.T @ stiffness @ basis
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
-    value, vector = np.linalg.eigh(matrix * scale * scale[:, None])
-    vector = basis @ (scale[:, None] * vector)
+    value, vector = scaled_eigenvectors(basis.T @ stiffness @ basis)
+    vector = basis @ vector
     kept = value > SEEN * value[-1]
-    rigid = np.linalg.qr(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))[0]
+    rigid = motion_basis(rest)
     free = np.linalg.qr(vector[:, ~kept])[0]
     idle, length, _ = np.linalg.svd(free - rigid @ (rigid.T @ free), full_matrices=False)
     return vector[:, kept] / np.sqrt(value[kept]), idle[:, length > SEEN**0.5]

@@ -23,7 +23,7 @@ from scipy import ndimage, sparse
 
 from mjframes.control import ControlPoints, control_weights
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.rigid import motion_basis
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def load_cases(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> LoadCases:
         center = int(np.argmax(distance))
     far[~far.any(axis=1)] = True  # a body so small that a push is everywhere
     if not cores:  # carried by its own inertia
-        motion = _rigid(grid)
+        motion = motion_basis(grid.centers)
         inertia = np.repeat(mass, 3)[:, None] * motion
         flat = force.reshape(3 * n, CASES)
         carried = np.linalg.lstsq(motion.T @ inertia, motion.T @ flat, rcond=None)[0]
@@ -142,7 +142,7 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
     """
     difference, size = found - exact, exact.astype(np.float64)
     if not cases.weights:
-        motion = np.linalg.qr(_rigid(grid))[0]
+        motion = motion_basis(grid.centers)
         difference, size = (_without(motion, field) for field in (difference, size))
     norm = np.linalg.norm(size, axis=(0, 1))
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
@@ -156,11 +156,6 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
     return BodyError(weight, float(max(apart[cases.weights :]))), where
 
 
-def _rigid(grid: Grid) -> Array:
-    """(3n, 6) of the voxels' centres."""
-    return rigid_motions(grid.centers, grid.centers.mean(axis=0), size_of(grid.centers))
-
-
 def _without(motion: Array, field: Array) -> Array:
     flat = field.reshape(len(motion), -1)
     return (flat - motion @ (motion.T @ flat)).reshape(field.shape)
@@ -170,18 +165,9 @@ def _normals(grid: Grid, voxels: NDArray[np.integer]) -> Array:
     """(s, 3) outward, where the inside thins out; in volume coordinates."""
     inside = np.pad((grid.lookup >= 0).astype(np.float32), 1)
     smooth = np.asarray(ndimage.gaussian_filter(inside, SMOOTH, mode="constant"))
-    at = tuple(grid.index[voxels].T + 1)
-    slope = np.stack(
-        [
-            (
-                smooth[tuple(a + (axis == d) for d, a in enumerate(at))]
-                - smooth[tuple(a - (axis == d) for d, a in enumerate(at))]
-            )
-            / grid.spacing[axis]
-            for axis in range(3)
-        ],
-        axis=1,
-    )
+    at = grid.index[voxels] + 1
+    sides = [(smooth[tuple((at + step).T)], smooth[tuple((at - step).T)]) for step in np.eye(3, dtype=int)]
+    slope = np.stack([beyond - before for beyond, before in sides], axis=1) / grid.spacing
     thin = np.linalg.norm(slope * grid.spacing, axis=1) < 1e-3
     slope[thin] = -np.eye(3)[np.argmin(grid.lookup.shape)]  # a sheet of one voxel: push on its face
     return -(slope / np.linalg.norm(slope, axis=1, keepdims=True)) @ grid.axes.T

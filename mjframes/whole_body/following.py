@@ -23,7 +23,7 @@ from mjframes.regions import frame_sets, members_of
 from mjframes.stiffness import Stiffness
 from mjframes.threads import in_parallel
 from mjframes.weights import weights_at
-from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
+from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
 
 Array = NDArray[np.float64]
 
@@ -44,11 +44,9 @@ def assembled(stiffness: Stiffness, k: int, regions: int | None = None) -> Array
 def compliance(stiffness: Array, control: ControlPoints, types: Sequence[str], held: int) -> Array:
     """Return K⁺ (3k, 3k) [m/N] of what the frames can do while the first `held` of them stand still."""
     basis = frame_motions(control, types, control.rest, held, held)
-    matrix = basis.T @ stiffness @ basis
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
-    value, vector = np.linalg.eigh(matrix * scale * scale[:, None])
+    value, vector = scaled_eigenvectors(basis.T @ stiffness @ basis)
     kept = value > LOOSE * value[-1]
-    vector = basis @ (scale[:, None] * vector[:, kept])
+    vector = basis @ vector[:, kept]
     return (vector / value[kept]) @ vector.T
 
 

@@ -14,8 +14,7 @@ from scipy import sparse
 from mjframes.constants import RIGID_RATIO
 from mjframes.control import ControlPoints
 from mjframes.grid import Grid
-from mjframes.regions import frame_sets
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.rigid import motion_basis
 from mjframes.rotations import with_rotations
 from mjframes.stiffness import Stiffness
 from mjframes.whole_body.selection import Part
@@ -26,7 +25,8 @@ STILL = 1e-12  # [-] stiffness, to the largest, that is rounding
 
 def regions_of(
     grid: Grid,
-    weights: sparse.csr_array,
+    label: NDArray[np.integer],
+    sets: Sequence[NDArray[np.integer]],
     control: ControlPoints,
     parts: Sequence[Part],
     links: Sequence[str],
@@ -34,17 +34,17 @@ def regions_of(
 ) -> tuple[Stiffness, NDArray[np.int32]]:
     """Return the regions' stiffness, and the region (n,) of each voxel.
 
-    weights: (n, f) at the voxels.  parts: (f,) what each frame adds.  links: the bodies that hold the first frames;
-    what only frames of one body would share needs no region, nor does a frame that nothing strains, as a rigid root.
-    bones: frames that hold a rigid piece, each of which gets a region of its own besides, of no voxels, against strain.
+    label: (n,) which of the `sets` of frames moves each voxel.  parts: (f,) what each frame adds.  links: the bodies
+    that hold the first frames; what only frames of one body would share needs no region, nor does a frame that nothing
+    strains, as a rigid root.  bones: frames that hold a rigid piece, each of which gets a region of its own besides, of
+    no voxels, against strain.
     """
     held = [{links[i] for i in control.frame[part.points]} if f < len(links) else set() for f, part in enumerate(parts)]
     firm = STILL * max(np.abs(part.matrix).max() for part in parts)
     kept = [
         f for f, part in enumerate(parts) if np.abs(part.matrix).max() > firm and (f >= len(links) or len(held[f]) > 1)
     ]
-    label, sets = frame_sets(weights)
-    region = np.array([_region_of(np.flatnonzero(row), parts, control, kept) for row in sets], np.int32)[label]
+    region = np.array([_region_of(some, parts, control, kept) for some in sets], np.int32)[label]
     regions = [parts[f] for f in kept] + [_bone(parts[f], control, f) for f in bones]
     stiffness = Stiffness(
         points=tuple(part.points for part in regions),
@@ -62,20 +62,18 @@ def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], hel
     besides, many times larger than the frame's, and other frames would follow that wherever the bone turns. A body of
     one frame has nothing else to strain.
     """
-    rigid = np.array([material.is_rigid for material in grid.table])[grid.material]
-    inside = sparse.csr_array(weights[rigid]).tocsc()
-    own = (
-        {i for i in range(held, len(types)) if inside[:, [i]].max() > OWN} if rigid.any() and len(types) > 1 else set()
-    )
-    return sorted(i for i in own if types[i] not in ("point", "rigid"))
+    rigid = grid.piece >= 0
+    if not rigid.any() or len(types) == 1:
+        return []
+    most = weights[rigid].max(axis=0).toarray().ravel()
+    return [i for i in range(held, len(types)) if most[i] > OWN and types[i] not in ("point", "rigid")]
 
 
 def _bone(part: Part, control: ControlPoints, frame: int) -> Part:
     """What keeps the points of a frame in shape."""
     own = control.frame[part.points] == frame
     points = part.points[own]
-    rest = control.rest[points]
-    rigid = np.linalg.qr(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))[0]
+    rigid = motion_basis(control.rest[points])
     firmness = RIGID_RATIO * np.mean(np.diagonal(part.matrix)[np.repeat(own, 3)])
     return Part(points, firmness * (np.eye(len(rigid)) - rigid @ rigid.T))
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mjframes.control import ControlPoints
 from mjframes.rigid import rigid_motions, size_of
-from mjframes.whole_body.superelement import degrees
+from mjframes.whole_body.superelement import degrees, scaled_eigenvectors
 
 Array = NDArray[np.float64]
 
@@ -85,10 +85,9 @@ def _schur(matrix: Array, kept: NDArray[np.int64]) -> Array:
 
 def _solve(matrix: Array, right: Array) -> Array:
     """K⁺ times `right`: what has no stiffness does not move."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
-    value, vector = np.linalg.eigh(matrix * scale * scale[:, None])
+    value, vector = scaled_eigenvectors(matrix)
     kept = value > LOOSE * value[-1]
-    basis = scale[:, None] * vector[:, kept]
+    basis = vector[:, kept]
     return basis @ ((basis.T @ right) / value[kept, None])
 
 

@@ -33,12 +33,13 @@ from mjframes.finite_elements.motions import Motions, motions
 from mjframes.finite_elements.respond import Response, respond
 from mjframes.finite_elements.solver import BodySolver
 from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.rigid import motion_basis, rigid_motions
 
 Array = NDArray[np.float64]
 
 DEPENDENT = 1e-9  # [-] eigenvalue of the functionals' scaled Gram matrix below which one follows from the others
 STIFFEST = 1e-12  # [-] least eigenvalue of scaled S: what moves less is rounding, and counts as that stiff
+NOTHING = 1e-14  # [-] to the largest: a diagonal that is rounding, as of one point beside the line of others
 STRAIN = 1.0  # [-] stiffness of straining a rigid frame's points, to the mean of moving them
 
 
@@ -101,6 +102,19 @@ def degrees(points: NDArray[np.integer]) -> NDArray[np.int64]:
     return (3 * np.asarray(points)[:, None] + np.arange(3)).ravel()
 
 
+def scaled_eigenvectors(matrix: Array) -> tuple[Array, Array]:
+    """λ (n,), ascending, and S V (n, n) with S A S = V λ Vᵀ, whose diagonal is ones; A⁻¹ = S V λ⁻¹ (S V)ᵀ.
+
+    So what is soft is told from what is nothing, however much stiffer the rest is. NOTHING on the diagonal is 0.
+    """
+    diagonal = np.diagonal(matrix)
+    largest = diagonal.max(initial=np.finfo(float).tiny)
+    some = diagonal > NOTHING * largest
+    scale = 1 / np.sqrt(np.where(some, diagonal, largest))
+    value, vector = np.linalg.eigh(matrix * (scale * some) * (scale * some)[:, None])
+    return np.asarray(value, np.float64), scale[:, None] * vector
+
+
 def moments(
     grid: Grid, weights: sparse.csr_array, control: ControlPoints, solver: BodySolver
 ) -> tuple[sparse.csr_array, Array]:
@@ -133,20 +147,16 @@ def frame_motions(control: ControlPoints, types: Sequence[str], rest: Array, hel
     blocks = [np.zeros((3 * np.count_nonzero(control.frame < first), 0))]
     for i in range(first, len(types)):
         points = rest[control.frame == i]
-        if types[i] != "rigid" and i >= held:
-            blocks.append(np.eye(3 * len(points)))
-            continue
-        blocks.append(np.linalg.qr(rigid_motions(points, points.mean(axis=0), size_of(points)))[0])
+        blocks.append(np.eye(3 * len(points)) if types[i] != "rigid" and i >= held else motion_basis(points))
     return np.asarray(sparse.block_diag(blocks).toarray())
 
 
 def _independent(gram: Array, basis: Array) -> Array:
     """(3j, m) combinations of the functionals of j points, orthonormal in their Gram matrix, as far as they differ."""
     full = basis.T @ np.kron((gram + gram.T) / 2, np.eye(3)) @ basis
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(full), np.finfo(float).tiny))
-    value, vector = np.linalg.eigh(full * scale * scale[:, None])
+    value, vector = scaled_eigenvectors(full)
     kept = value > DEPENDENT * value[-1]
-    return basis @ (scale[:, None] * vector[:, kept] / np.sqrt(value[kept]))
+    return basis @ (vector[:, kept] / np.sqrt(value[kept]))
 
 
 def _held_motions(control: ControlPoints, held: int, rest: Array, motion: Motions) -> Array:
@@ -178,9 +188,7 @@ def _free_minimum(response: Response, mix: Array, push: Array, target: Array) ->
 
 def _inverse(compliance: Array) -> Array:
     """Of a symmetric positive definite matrix, as far as rounding lets it be one."""
-    scale = 1 / np.sqrt(np.diagonal(compliance))
-    value, vector = np.linalg.eigh(compliance * scale * scale[:, None])
-    vector *= scale[:, None]
+    value, vector = scaled_eigenvectors(compliance)
     return (vector / np.maximum(value, STIFFEST * value[-1])) @ vector.T
 
 
