@@ -165,7 +165,7 @@ def _read_nifti(path: Path) -> LabelImage:
             stacklevel=2,
         )
     scale = _scale(path, [unit] * 3)
-    labels = np.asanyarray(image.dataobj)
+    labels = _nifti_labels(path, image)
     if labels.ndim > 3 and max(labels.shape[3:]) == 1:
         labels = labels.reshape(labels.shape[:3])
     if labels.ndim != 3:
@@ -174,6 +174,33 @@ def _read_nifti(path: Path) -> LabelImage:
         return _from_steps(path, labels, scale[:, None] * image.affine[:3, :3], scale * image.affine[:3, 3])
     # nibabel would make up a mirrored, centred affine here; the standard only gives voxel sizes ("method 1")
     return _from_steps(path, labels, np.diag(scale * header.get_zooms()[:3]), None)
+
+
+def _nifti_labels(path: Path, image: Any) -> NDArray[Any]:
+    """The voxels as nibabel has them, those of integers slice by slice: an image that is mostly outside takes little.
+
+    Slices of zeros are not written, and so are no memory; nibabel would hold all of the file twice.
+    """
+    stored = image.dataobj
+    is_plain = stored.dtype.kind in "iu" and (stored.slope, stored.inter) == (1, 0) and len(stored.shape) == 3
+    if not is_plain:
+        return np.asanyarray(stored)
+    openers = _import("nibabel.openers", path)
+    nx, ny, nz = stored.shape
+    labels = np.zeros(stored.shape, np.uint8, order="F")
+    with openers.ImageOpener(stored.file_like) as file:
+        file.seek(stored.offset)
+        for c in range(nz):
+            data = file.read(nx * ny * stored.dtype.itemsize)
+            values = np.frombuffer(data, stored.dtype).reshape((nx, ny), order="F")
+            low, high = int(values.min()), int(values.max())
+            if low < 0:
+                return np.asanyarray(stored)
+            if high > np.iinfo(labels.dtype).max:
+                labels = labels.astype(np.min_scalar_type(high))
+            if high > 0:
+                labels[..., c] = values
+    return labels
 
 
 def _from_steps(

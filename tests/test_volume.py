@@ -203,6 +203,20 @@ def test_coordinates_of_an_anatomy_are_ras(tmp_path: Path) -> None:
             np.testing.assert_allclose(_centers(other, label), _centers(nifti, label), atol=1e-9)
 
 
+def test_nifti_labels_of_any_size_are_read_slice_by_slice(tmp_path: Path) -> None:
+    labels = np.zeros((4, 3, 6), np.int16)
+    labels[1, 2, 2], labels[2, 1, 4], labels[3, 0, 5] = 7, 300, 2
+    volume = Volume.from_labels(
+        _write_nifti(tmp_path / "v.nii.gz", labels, np.eye(4)),
+        drop_unknown=True,
+        materials={7: FLESH, 300: FLESH, 2: BONE},
+    )
+    np.testing.assert_array_equal(volume.labels, labels)
+    labels[0, 0, 3] = -1
+    with pytest.raises(MjframesError, match=r"v\.nii: labels run from -1 to 300"):
+        Volume.from_labels(_write_nifti(tmp_path / "v.nii", labels, np.eye(4)), materials=MATERIALS)
+
+
 def test_unknown_units_are_said(tmp_path: Path) -> None:
     path = _write_nifti(tmp_path / "v.nii", _labels(), np.diag([2.0, 2, 2, 1]), "unknown")
     with pytest.warns(ImageWarning, match=r"v\.nii: its header has no unit of length; voxels of 2 are taken as mill"):
