@@ -348,6 +348,6 @@ def _require_voxels(types: Sequence[str], voxels: int) -> None:
     needed = sum(VOXELS[name] for name in types)
     if len(types) > 1 and needed > voxels:
         raise MjframesError(
-            f"frames is {len(types)}, held ones included, but the volume has {voxels} voxels: too few to tell them apart; "
-            f"use at most {max(1, voxels * len(types) // needed)}, or smaller voxels."
+            f"frames is {len(types)}, held ones included, but the volume has {voxels} voxels: too few to tell them "
+            f"apart; use at most {max(1, voxels * len(types) // needed)}, or smaller voxels."
         )

@@ -119,7 +119,7 @@ def test_more_frames_than_the_voxels_tell_apart_are_refused(kind: str, most: int
     volume = Volume.from_labels(np.ones((3, 3, 3), int), 0.01, {1: SOFT})
     assert len(build(volume, most, frame_type=kind, method=method).types) == most
     for frames in (most + 1, 27):
-        with pytest.raises(MjframesError, match=rf"has 27 voxels: too few .* use at most {most},"):
+        with pytest.raises(MjframesError, match=rf"has 27 voxels: too few .*; use at most {most},"):
             build(volume, frames, frame_type=kind, method=method)
 
 
