@@ -26,6 +26,7 @@ from mjframes.errors import MjframesError
 if TYPE_CHECKING:
     from mjframes.body import SoftBody, build
     from mjframes.contact import Contact
+    from mjframes.inertia import mass_matrix, rigid_inertia
     from mjframes.material import Material
     from mjframes.mjcf import attach
     from mjframes.sensors import add_sensor
@@ -44,6 +45,8 @@ __all__ = [
     "add_sensor",
     "attach",
     "build",
+    "mass_matrix",
+    "rigid_inertia",
     "soft",
 ]
 
@@ -58,6 +61,8 @@ _HOMES = {
     "add_sensor": "sensors",
     "attach": "mjcf",
     "build": "body",
+    "mass_matrix": "inertia",
+    "rigid_inertia": "inertia",
     "soft": "view",
 }
 

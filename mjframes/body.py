@@ -8,6 +8,7 @@ The stiffness is that of the whole body (`whole_body`), or the paper's: sums ove
 from __future__ import annotations
 
 import os
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -47,7 +48,12 @@ COROTATIONAL = "corotational"
 MASSES = ("lumped", "consistent")
 MODES = ("implicit", "explicit")
 SAMPLES = 10  # of the paper's method, unless given
+VOXELS = {"point": 2, "rigid": 3, "affine": 3, "quadratic": 5}  # a frame needs: fewer do not tell its motions apart
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
+
+
+class TurnWarning(UserWarning):
+    """A body that is free to turn has frames that cannot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +195,8 @@ def build(
     fixed, attached: one or more pieces that do not move in the body that the soft body is attached to, or that move
     with a named one; each is a frame of its own, beside those asked for.
     progress: called with the name of each stage, and as "stage: 25%" within long ones.
-    Raises MjframesError for a volume in several pieces and for values out of range.
+    Raises MjframesError for a volume in several pieces and for values out of range. Warns (TurnWarning) of free bodies
+    of point frames.
     """
     if isinstance(volume, (str, os.PathLike)):
         volume = Volume.from_labels(volume)
@@ -260,7 +267,9 @@ def build(
 
     def placed(count: int | None) -> Frames:
         progress("placing the frames")
-        return place(grid, shaped, cores, count, at, seed, frame_type, weights, subdivisions, samples)
+        found = place(grid, shaped, cores, count, at, seed, frame_type, weights, subdivisions, samples)
+        _require_voxels(found.types, len(grid.index))
+        return found
 
     made, cells = None, None
     if samples is None:
@@ -271,7 +280,8 @@ def build(
             return whole_body(hookes, finite, some.shapes, some.types, links, laws, progress)
 
         if error is not None:
-            placement, made = fewest_frames(error, grid, finite, len(grid.index), placed, condensed)
+            most = _most_frames(frame_type, len(grid.index)) - len(cores)
+            placement, made = fewest_frames(error, grid, finite, most, placed, condensed)
         else:
             placement = placed(frames)
             made = condensed(placement)
@@ -286,6 +296,13 @@ def build(
         rigid = [i for i, name in enumerate(placement.types) if name == "rigid"]
         before, stiffness = stiffness, hold_null_modes(stiffness, shapes.control, rigid)
         cells = cells and cells.stiffened(before, stiffness)
+    if not cores and "point" in placement.types:
+        warnings.warn(
+            "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
+            "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
+            TurnWarning,
+            stacklevel=2,
+        )
     points = None
     if placement.regions and laws:
         progress("placing the quadrature points")
@@ -345,3 +362,18 @@ def build(
             metric=metric,
         ),
     )
+
+
+def _most_frames(frame_type: str | Sequence[str], voxels: int) -> int:
+    """As many as `_require_voxels` allows, if all are of the type that needs most."""
+    kinds = [frame_type] if isinstance(frame_type, str) else frame_type
+    return voxels // max((VOXELS.get(kind, 1) for kind in kinds), default=1)
+
+
+def _require_voxels(types: Sequence[str], voxels: int) -> None:
+    needed = sum(VOXELS[name] for name in types)
+    if len(types) > 1 and needed > voxels:
+        raise MjframesError(
+            f"frames is {len(types)}, held ones included, but the volume has {voxels} voxels: too few to tell them "
+            f"apart; use at most {max(1, voxels * len(types) // needed)}, or smaller voxels."
+        )

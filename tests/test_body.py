@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from scenes import beam, lump
 from scipy import sparse
 from shapes import BONE, SOFT, mixed
 
-from mjframes.body import SoftBody, build
+from mjframes.body import SoftBody, TurnWarning, build
 from mjframes.errors import MjframesError
 from mjframes.supports import Attached, Fixed
 from mjframes.volume import Volume
@@ -148,3 +149,31 @@ def test_a_body_is_shown_in_a_line() -> None:
     assert re.fullmatch(
         r"<SoftBody of 4 frames \(4 affine\), \d+ regions, \d+ voxels, .* kg; .*error: .*>", repr(lump())
     )
+
+
+@pytest.mark.parametrize("method", ["whole_body", "paper"])
+@pytest.mark.parametrize(("kind", "most"), [("point", 13), ("rigid", 9), ("affine", 9), ("quadratic", 5)])
+@pytest.mark.filterwarnings("error", "ignore:frame_type has 'point'")
+def test_more_frames_than_the_voxels_tell_apart_are_refused(kind: str, most: int, method: str) -> None:
+    volume = Volume.from_labels(np.ones((3, 3, 3), int), 0.01, {1: SOFT})
+    assert len(build(volume, most, frame_type=kind, method=method).types) == most
+    for frames in (most + 1, 27):
+        with pytest.raises(MjframesError, match=rf"has 27 voxels: too few .*; use at most {most},"):
+            build(volume, frames, frame_type=kind, method=method)
+
+
+@pytest.mark.filterwarnings("error")
+def test_one_frame_needs_one_voxel() -> None:
+    assert len(build(Volume.from_labels(np.ones((1, 1, 1), int), 0.01, {1: SOFT}), 1).types) == 1
+
+
+def test_point_frames_of_a_body_that_may_tumble_are_warned_of() -> None:
+    labels = np.ones((6, 3, 3), int)
+    volume, end = Volume.from_labels(labels, 0.01, {1: SOFT}), np.zeros(labels.shape, bool)
+    end[0] = True
+    with pytest.warns(TurnWarning, match=r"'point' frames.*; use 'affine' or 'rigid' frames, or hold a piece\.$"):
+        build(volume, 3, frame_type=("affine", "point", "affine"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", TurnWarning)
+        build(volume, 3, frame_type="point", fixed=[Fixed(end)])
+        build(volume, 3)

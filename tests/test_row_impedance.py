@@ -64,7 +64,7 @@ def seen_inverse(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 def soft_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """(nefc,) whether a row has degrees of freedom of a soft body."""
     of_soft = model.body_plugin[model.dof_bodyid] >= 0
-    return dense_constraints(model, data)[:, of_soft].any(axis=1)
+    return np.asarray(dense_constraints(model, data)[:, of_soft].any(axis=1))
 
 
 @pytest.mark.parametrize("jacobian", ["dense", "sparse"])

@@ -145,6 +145,7 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
         motion = motion_basis(grid.centers)
         difference, size = (_without(motion, field) for field in (difference, size))
     norm = np.linalg.norm(size, axis=(0, 1))
+    norm = np.where(norm > 0, norm, np.inf)  # a single voxel does not move
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
     weight = None
     if cases.weights:
