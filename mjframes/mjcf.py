@@ -192,9 +192,9 @@ def _ranks(bodies: list[mujoco.MjsBody], place: _Place) -> np.ndarray:
     return rank
 
 
-def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
+def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str, plugin_name: str = plugin.NAME) -> None:
     element.plugin.active = True
-    element.plugin.plugin_name = plugin.NAME
+    element.plugin.plugin_name = plugin_name
     element.plugin.name = name
 
 
@@ -222,6 +222,7 @@ def _add_patches(
     half = printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     own.add_mesh(name=f"{name[-1]}_bounds", uservert=corners.ravel(), octree_maxdepth=1)  # its distance is not used
+    own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()
     for number, spheres in enumerate(patches):
         on = bodies[_carrier_of_patch(body, carried, spheres)]
@@ -235,7 +236,9 @@ def _add_patches(
             rgba=[0.5, 0.5, 0.5, 0.1],
         )
         contact.write(geom)
-        _use_plugin(geom, local)
+        # of its own: MuJoCo does not tell an SDF plugin which geom it asks about
+        own.add_plugin(name=f"{name[-1]}_patch_{number}", plugin_name=plugin.PATCH_NAME, active=True)
+        _use_plugin(geom, geom.name, plugin.PATCH_NAME)
         owners.add(on.name)
     if contact.contype & contact.conaffinity:  # a soft body does not meet itself: MuJoCo need not ask
         for first, second in itertools.combinations(sorted(o for o in owners if o.startswith(f"{name[-1]}_")), 2):
