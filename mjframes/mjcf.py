@@ -229,9 +229,9 @@ def changed_masses(compiler: mujoco.MjsCompiler) -> str:
     return ""
 
 
-def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str) -> None:
+def _use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str, plugin_name: str = plugin.NAME) -> None:
     element.plugin.active = True
-    element.plugin.plugin_name = plugin.NAME
+    element.plugin.plugin_name = plugin_name
     element.plugin.name = name
 
 
@@ -261,6 +261,7 @@ def _add_patches(
     own.add_mesh(
         name=f"{name[1:]}{SEPARATOR}bounds", uservert=corners.ravel(), octree_maxdepth=1
     )  # its distance is not used
+    own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()
     for number, spheres in enumerate(patches):
         on = bodies[_carrier_of_patch(body, carried, spheres)]
@@ -275,7 +276,9 @@ def _add_patches(
             rgba=[0.5, 0.5, 0.5, 0.1],
         )
         contact.write(geom)
-        _use_plugin(geom, instance)
+        # of its own: MuJoCo does not tell an SDF plugin which geom it asks about
+        own.add_plugin(name=f"{name[1:]}{SEPARATOR}patch_{number}", plugin_name=plugin.PATCH_NAME, active=True)
+        _use_plugin(geom, geom.name, plugin.PATCH_NAME)
         owners.add(on.name)
     if contact.contype & contact.conaffinity:  # a soft body does not meet itself: MuJoCo need not ask
         inner = sorted(owner for owner in owners if owner.startswith(name[1:] + SEPARATOR))

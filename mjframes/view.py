@@ -273,7 +273,8 @@ class Soft:
     @property
     def patches(self) -> np.ndarray:
         """(p,) geoms of the contact patches."""
-        return np.flatnonzero(self.model.geom_plugin == self.instance)
+        owner = self.model.body_plugin[self.model.geom_bodyid]
+        return np.flatnonzero((self.model.geom_plugin >= 0) & (owner == self.instance))
 
     @cached_property
     def body(self) -> SoftBody:

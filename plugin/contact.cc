@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "linear.h"
+#include "patch_field.h"
 #include "soft.h"
 #include "touch.h"
 
@@ -17,7 +18,8 @@ constexpr double kSamePlace = 1e-9;  // [m]
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
-  const SoftBody* body = GetSoftBody(m, d, m->geom_plugin[geom]);
+  if (geom < 0) return {};  // a flex
+  const SoftBody* body = GetSoftBody(m, d, SoftInstanceOf(m, geom));
   return {body, body ? body->FindPatch(geom) : -1};
 }
 
@@ -69,6 +71,18 @@ bool MovesBody(const mjModel* m, int dof, int body) {
   return body == m->dof_bodyid[dof];
 }
 
+// Whether degree of freedom `dof` moves a flex that is a side of the contact.
+bool MovesFlex(const mjModel* m, const mjContact& contact, int dof) {
+  for (const int flex : contact.flex) {
+    if (flex < 0) continue;
+    const bool nodes = m->flex_interp[flex] != 0;
+    const int* body = nodes ? m->flex_nodebodyid + m->flex_nodeadr[flex] : m->flex_vertbodyid + m->flex_vertadr[flex];
+    const int count = nodes ? m->flex_nodenum[flex] : m->flex_vertnum[flex];
+    if (std::any_of(body, body + count, [&](int b) { return b >= 0 && MovesBody(m, dof, b); })) return true;
+  }
+  return false;
+}
+
 // What the row measures at `position` on `body` for a unit rate of degree of freedom `dof`.
 double RigidEntry(const mjModel* m, const mjData* d, int body, const Vec3& position, const Measure& measure, int dof) {
   if (!MovesBody(m, dof, body)) return 0;
@@ -87,6 +101,7 @@ struct Sides {
 // What the row measures on side s for a unit rate of degree of freedom `dof`.
 double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, const Sides& sides, int s,
                  const Measure& measure, const Vec3& local, int dof) {
+  if (contact.geom[s] < 0) return 0;  // dofs that move a flex are left as they are
   const int body = m->geom_bodyid[contact.geom[s]];
   const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
   const Kinematics* kinematics = sides.kinematics[s];
@@ -122,7 +137,8 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   if (!sparse && !kinematics.turning()) {
     return WriteSlides(kinematics.nodes(), sides.share[s]->data(), local[s], sign, row);
   }
-  const int bodies[2] = {m->geom_bodyid[contact.geom[0]], m->geom_bodyid[contact.geom[1]]};
+  const bool flex = contact.geom[1 - s] < 0;
+  const int own = m->geom_bodyid[contact.geom[s]], other = flex ? own : m->geom_bodyid[contact.geom[1 - s]];
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
   for (size_t n = 0; n < kinematics.nodes().size(); n++) {
@@ -130,7 +146,8 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
     for (int a = 0; a < node.dofs; a++) {
       const int dof = node.dof + a;
       // rows have room for what moves the two bodies, and islands know of no more: dense rows must not hold more either
-      if (!sparse && !MovesBody(m, dof, bodies[0]) && !MovesBody(m, dof, bodies[1])) continue;
+      if (!sparse && !MovesBody(m, dof, own) && !MovesBody(m, dof, other)) continue;
+      if (flex && kinematics.turning() && MovesFlex(m, contact, dof)) continue;
       if (sparse) {
         while (entry < entries && columns[entry] < dof) entry++;
         if (entry == entries) return;
@@ -144,6 +161,39 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
                                                 : kinematics.RowEntry((*sides.share[s])[n], local[s], n, a));
     }
   }
+}
+
+// add(s, weight): adds the weights of the control points in the touching point of side s.
+template <typename Add>
+void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const SoftSide side[2],
+                  ContactScratch* scratch, const Add& add) {
+  const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+  Sides sides = {};
+  for (int s = 0; s < 2; s++) {
+    if (!side[s].body) continue;
+    const Kinematics& kinematics = side[s].body->kinematics();
+    std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
+    add(s, scratch->omega.data());
+    kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
+    sides.kinematics[s] = &kinematics;
+    sides.share[s] = &scratch->share[s];
+  }
+  for (int s = 0; s < 2; s++) {
+    for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
+  }
+  scratch->impedance.ScaleContact(m, d, contact);
+}
+
+// MuJoCo finds the contacts of a flex itself, by the patch's signed distance (patch_field.h).
+void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, ContactScratch* scratch) {
+  const SoftSide side[2] = {SideOf(m, d, contact.geom[0]), SideOf(m, d, contact.geom[1])};
+  if (!side[0].body && !side[1].body) {
+    if (scratch->impedance.Concerns(m, d, contact)) scratch->impedance.ScaleContact(m, d, contact);
+    return;
+  }
+  WriteContact(m, d, contact, side, scratch, [&](int s, double* weight) {
+    AddPlaceWeights(side[s], d, {contact.pos[0], contact.pos[1], contact.pos[2]}, weight);
+  });
 }
 
 }  // namespace
@@ -181,7 +231,7 @@ void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     const mjContact& contact = d->contact[c];
     if (contact.efc_address < 0) continue;
     if (contact.geom[0] < 0 || contact.geom[1] < 0) {
-      if (impedance.Concerns(m, d, contact)) impedance.ScaleContact(m, d, contact);
+      WriteFlexContact(m, d, contact, scratch);
       continue;
     }
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
@@ -213,20 +263,8 @@ void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       if (impedance.Concerns(m, d, contact)) impedance.ScaleContact(m, d, contact);
       continue;
     }
-    Sides sides = {};
-    for (int s = 0; s < 2; s++) {
-      if (!side[s].body) continue;
-      const Kinematics& kinematics = side[s].body->kinematics();
-      std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
-      AddTouchWeights(side, found[next], *scratch->touch, s, scratch->omega.data());
-      kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
-      sides.kinematics[s] = &kinematics;
-      sides.share[s] = &scratch->share[s];
-    }
-    for (int s = 0; s < 2; s++) {
-      for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
-    }
-    impedance.ScaleContact(m, d, contact);
+    WriteContact(m, d, contact, side, scratch,
+                 [&](int s, double* weight) { AddTouchWeights(side, found[next], *scratch->touch, s, weight); });
     next++;
   }
 }

@@ -47,6 +47,18 @@ Vec3 Lattice::Coordinates(const Vec3& p) const {
   return xi;
 }
 
+Vec3 Lattice::Place(int number) const {
+  const int32_t at = node[number], plane = shape[1] * shape[2];
+  const double xi[3] = {static_cast<double>(at / plane), static_cast<double>(at / shape[2] % shape[1]),
+                        static_cast<double>(at % shape[2])};
+  Vec3 p;
+  for (int c = 0; c < 3; c++) {
+    p[c] = origin[c];
+    for (int i = 0; i < 3; i++) p[c] += spacing * axes[3 * c + i] * xi[i];
+  }
+  return p;
+}
+
 bool Lattice::Cell(const Vec3& xi, int* nodes, Vec3* fraction) const {
   int64_t base[3];
   for (int i = 0; i < 3; i++) {

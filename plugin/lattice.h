@@ -38,6 +38,9 @@ struct Lattice {
   // ξ of a place at rest [m].
   Vec3 Coordinates(const Vec3& p) const;
 
+  // Where a node is at rest [m].
+  Vec3 Place(int node) const;
+
   // The eight nodes around ξ, x fastest, and where ξ is among them; false where one is missing.
   bool Cell(const Vec3& xi, int* nodes, Vec3* fraction) const;
 

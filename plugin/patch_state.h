@@ -71,7 +71,7 @@ class PatchState {
 
   // of these positions
   bool posed_ = false, skinned_ = false;
-  PatchPose pose_{};
+  PatchPose pose_{{}, {}, {}, 0, 1};
   std::vector<double> vertices_;
   AlignedBox box_{};  // of these
   int kept_ = 0;      // so many of these

@@ -134,6 +134,34 @@ PatchVolume PatchVolume::Create(const mjModel* m, const SoftBody& body, int numb
   return volume;
 }
 
+void PatchVolume::SetCover(const SoftBody& body, int number) {
+  const Patch& patch = body.patches()[number];
+  const size_t n = patch.vertices;
+  std::vector<Vec3> vertex(n);
+  for (size_t s = 0; s < n; s++) {
+    for (size_t a = 0; a < patch.point.size(); a++) {
+      vertex[s] = vertex[s] + patch.weight[a * n + s] * body.kinematics().points()[patch.point[a]].rest;
+    }
+    for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
+  }
+  const auto from_nearest = [&vertex](const Vec3& p, size_t but) {
+    double nearest = mjMAXVAL;
+    for (size_t s = 0; s < vertex.size(); s++) {
+      if (s != but) nearest = std::min(nearest, Norm(vertex[s] - p));
+    }
+    return nearest;
+  };
+  const Lattice& lattice = body.lattice();
+  for (size_t i = 0; i < lattice.node.size(); i++) {
+    if (lattice.patch[i] != number || std::abs(lattice.distance[i]) > lattice.spacing) continue;
+    solid |= lattice.distance[i] < 0;
+    cover = std::max(cover, from_nearest(lattice.Place(static_cast<int>(i)), n));
+  }
+  if (solid) return;
+  cover = body.contact_radius();
+  for (size_t s = 0; s < n && n > 1; s++) cover = std::max(cover, from_nearest(vertex[s], s));
+}
+
 PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const {
   AlignedBox box = {{}, {}};
   Mat3 B{};
@@ -154,7 +182,13 @@ PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const
     box.half[i] = bend[i];
     for (int c = 0; c < 3; c++) box.half[i] += std::abs(B[3 * i + c]) * half[c];
   }
-  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL};
+  // |B u|² ≤ ‖B‖₁ ‖B‖∞ |u|²
+  double rows = 0, columns = 0;
+  for (int i = 0; i < 3; i++) {
+    rows = std::max(rows, std::abs(B[3 * i]) + std::abs(B[3 * i + 1]) + std::abs(B[3 * i + 2]));
+    columns = std::max(columns, std::abs(B[i]) + std::abs(B[3 + i]) + std::abs(B[6 + i]));
+  }
+  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL, std::sqrt(rows * columns)};
   if (Det(B) > mjMINVAL) {
     const Mat3 inverse = Inverse(B);
     for (int i = 0; i < 9; i++) pose.slope[i] = 0;

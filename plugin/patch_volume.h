@@ -49,6 +49,7 @@ struct PatchPose {
   Vec3 guess;
   Mat3 slope;
   double error;
+  double stretch;  // lengths of the patch have grown by no more, but for what moves it otherwise than affinely
 };
 
 // A patch's vertices and the material below them. Its contact rows hold the control points on the path from the root to
@@ -59,6 +60,9 @@ struct PatchVolume {
 
   // x: where the control points are in the world, by control point [m].
   PatchPose Pose(const Lattice& lattice, const Vec3* x) const;
+
+  // How far apart its vertices are, and whether it has material between them.
+  void SetCover(const SoftBody& body, int patch);
 
   // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
   bool Near(const Lattice& lattice, const Vec3& xi, double error) const;
@@ -73,6 +77,9 @@ struct PatchVolume {
   Vec3 origin{};               // p̄₀ [m]
   std::vector<uint8_t> steps;  // of each lattice node: to the nearest of the patch, in cells along the axes
   Vec3 half{};                 // largest |p̄ − p̄₀| along each axis [m]
+  bool solid = false;          // whether nodes of the lattice are inside
+  // At rest no place of its surface is farther from its nearest vertex; if it is not solid, no vertex from another [m].
+  double cover = 0;
 };
 
 // A guess that is off by no more can rule a patch out.

@@ -3,11 +3,13 @@
 #include <mujoco/mujoco.h>
 
 #include "contact.h"
+#include "patch_field.h"
 #include "sensor.h"
 #include "soft.h"
 
 mjPLUGIN_LIB_INIT(mjframes) {
   mjframes::RegisterPlugin();
+  mjframes::RegisterPatchField();
   mjframes::RegisterSensor();
   mjframes::InstallCollisionHook();
 }

@@ -9,6 +9,7 @@
 
 #include "multiversion.h"
 #include "options.h"
+#include "patch_field.h"
 #include "reader.h"
 
 namespace mjframes {
@@ -321,13 +322,28 @@ void CheckHeightFields(const mjModel* m, int patch, Reader* reader) {
   }
 }
 
+// MuJoCo collides flexes of triangles with SDF geoms, and no others.
+void CheckFlexes(const mjModel* m, int patch, Reader* reader) {
+  for (int flex = 0; flex < m->nflex; flex++) {
+    const bool collides =
+        (m->flex_contype[flex] & m->geom_conaffinity[patch]) || (m->geom_contype[patch] & m->flex_conaffinity[flex]);
+    if (!collides || m->flex_dim[flex] == 2) continue;
+    reader->Fail(std::string("MuJoCo gives soft bodies contact with flexes of dim 2 only, not with '") +
+                 (m->names + m->name_flexadr[flex]) + "': set its contype and conaffinity so that they do not meet");
+    return;
+  }
+}
+
 std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points,
                                Reader* reader) {
   std::vector<Patch> patches;
   for (int geom = 0; geom < m->ngeom; geom++) {
-    if (m->geom_plugin[geom] == instance) patches.push_back({geom, 0, {}, {}, {}, {}});
+    if (SoftInstanceOf(m, geom) == instance) patches.push_back({geom, 0, {}, {}, {}, {}});
   }
-  if (patches.empty()) return patches;
+  if (patches.empty()) {
+    reader->Check(!reader->Has("patch_size"), "its patch geoms are not there: build it again");
+    return patches;
+  }
   const auto size = reader->Array<int32_t>("patch_size");
   const auto clusters = reader->Array<int32_t>("patch_clusters");
   const auto cluster_size = reader->Array<int32_t>("patch_cluster_size");
@@ -450,11 +466,15 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
       }
     }
     for (size_t i = 0; reader.ok() && i < body->patches_.size(); i++) {
+      body->volumes_[i].SetCover(*body, static_cast<int>(i));
+    }
+    for (size_t i = 0; reader.ok() && i < body->patches_.size(); i++) {
       body->states_.push_back(std::make_unique<PatchState>(*body, static_cast<int>(i)));
     }
     body->hulls_ = CollisionHulls(m);
     body->features_ = GeomFeatures(m, body->hulls_);
     CheckHeightFields(m, body->patches_.front().geom, &reader);
+    CheckFlexes(m, body->patches_.front().geom, &reader);
   }
   if (!reader.ok()) {
     mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());
@@ -628,16 +648,17 @@ double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {
   return energy;
 }
 
+bool IsSoftBody(const mjModel* m, int instance) { return instance >= 0 && m->plugin[instance] == g_slot; }
+
 SoftBody* GetSoftBody(const mjModel* m, const mjData* d, int instance) {
-  if (instance < 0 || m->plugin[instance] != g_slot) return nullptr;
+  if (!IsSoftBody(m, instance)) return nullptr;
   return reinterpret_cast<SoftBody*>(d->plugin_data[instance]);
 }
 
 int SoftBodyHeldBy(const mjModel* m, int holder) {
   for (int body = holder + 1; body < m->nbody; body++) {
     const int instance = m->body_plugin[body];
-    if (m->body_parentid[body] == holder && m->body_jntnum[body] > 0 && instance >= 0 &&
-        m->plugin[instance] == g_slot) {
+    if (m->body_parentid[body] == holder && m->body_jntnum[body] > 0 && IsSoftBody(m, instance)) {
       return instance;
     }
   }
@@ -648,7 +669,7 @@ void RegisterPlugin() {
   mjpPlugin plugin;
   mjp_defaultPlugin(&plugin);
   plugin.name = kPluginName;
-  plugin.capabilityflags = mjPLUGIN_PASSIVE | mjPLUGIN_SDF;
+  plugin.capabilityflags = mjPLUGIN_PASSIVE;
   plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
   plugin.attributes = kAttributes;
   plugin.nstate = +[](const mjModel*, int) { return 0; };

@@ -59,6 +59,8 @@ class SoftBody {
   int FindPatch(int geom) const;
   bool changes_inertia() const { return changes_inertia_; }
   double contact_radius() const { return contact_radius_; }
+  // What small is to the body [m]: a cell of the lattice, if it has one.
+  double cell() const { return has_volume_ ? lattice_.spacing : contact_radius_; }
   const Kinematics& kinematics() const { return kinematics_; }
   const std::vector<Patch>& patches() const { return patches_; }
   const std::vector<PatchVolume>& volumes() const { return volumes_; }
@@ -119,6 +121,9 @@ class SoftBody {
 
 // The soft body behind plugin instance `instance` of the model, or null if that is another plugin's.
 SoftBody* GetSoftBody(const mjModel* m, const mjData* d, int instance);
+
+// Whether plugin instance `instance` of the model is a soft body's.
+bool IsSoftBody(const mjModel* m, int instance);
 
 // The plugin instance of the soft body whose moving frames hang on body `holder`, −1 for none.
 int SoftBodyHeldBy(const mjModel* m, int holder);

@@ -5,9 +5,8 @@
 #include <mutex>
 
 #include "deformed.h"
-#include "lanes.h"
-#include "multiversion.h"
 #include "patch_state.h"
+#include "placed.h"
 #include "pressure.h"
 #include "soft.h"
 
@@ -20,53 +19,6 @@ constexpr double kBlend = 1;  // [-]
 constexpr double kOutward = 0.5;  // [-] cosine to the surface's normal above which a contact pushes outwards
 constexpr double kMargin = 1e-9;  // [m] more than rounding
 constexpr int kSupportSteps = 4;  // from an ellipsoid's centre to its point nearest to the surface
-
-// The one of n points, given by component, that is nearest to p.
-MJFRAMES_MULTIVERSION
-int Nearest(const double* points, int n, const Vec3& p) {
-  Lanes least = Fill(mjMAXVAL), first = Fill(0);  // squares, and the number of the first of four
-  int s = 0;
-  for (; s + kLanes <= n; s += kLanes) {
-    const Lanes x = Load(points + s) - p[0], y = Load(points + n + s) - p[1], z = Load(points + 2 * n + s) - p[2];
-    const Lanes square = x * x + y * y + z * z;
-    first = square < least ? Fill(s) : first;
-    least = square < least ? square : least;
-  }
-  int nearest = 0;
-  double best = mjMAXVAL;
-  for (int lane = 0; lane < kLanes; lane++) {
-    if (!(least[lane] < best)) continue;
-    best = least[lane];
-    nearest = static_cast<int>(first[lane]) + lane;
-  }
-  for (; s < n; s++) {
-    const Vec3 offset = Vec3{points[s], points[n + s], points[2 * n + s]} - p;
-    if (!(Dot(offset, offset) < best)) continue;
-    best = Dot(offset, offset);
-    nearest = s;
-  }
-  return nearest;
-}
-
-// A patch where it is now.
-struct Placed {
-  DeformedPatch deformed;
-  PatchState* state;
-  const PatchPose& pose;
-  double room;  // how far around the vertices and what is below them something may touch [m]
-
-  // Signed distance of p; xi becomes the material point at p. own: only under this patch.
-  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
-    if (own && !pose.box.Holds(p, room)) return false;
-    *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
-    if (pose.error > kTrusted) {
-      *xi = deformed.VertexPoint(Nearest(state->Vertices(), deformed.patch().vertices, p));
-    } else if (own && !deformed.Near(*xi, pose.error)) {
-      return false;
-    }
-    return deformed.Distance(p, own, xi, distance, normal);
-  }
-};
 
 Vec3 Vertex(const double* vertices, int n, int s) { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
 
@@ -84,16 +36,10 @@ class Held {
   std::unique_lock<std::mutex> lock_[2];
 };
 
-PatchState* UpdatedState(const SoftSide& side, const mjData* d) {
-  PatchState* state = side.body->states()[side.patch].get();
-  state->Update(d);
-  return state;
-}
-
-Placed Place(const SoftSide& side, const mjData* d, double room) {
-  PatchState* state = UpdatedState(side, d);
-  const DeformedPatch deformed(*side.body, side.patch, state->positions());
-  return {deformed, state, state->Pose(), room};
+void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
+  for (size_t a = 0; a < patch.point.size(); a++) {
+    weight[patch.point[a]] += scale * patch.weight[a * patch.vertices + s];
+  }
 }
 
 // Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
@@ -256,7 +202,8 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   if (side[0].body && side[1].body) {
     if (!side[0].body->has_volume() || !side[1].body->has_volume()) return 0;
     room += side[0].body->contact_radius() + side[1].body->contact_radius();
-    const Placed mine = Place(side[0], d, room), other = Place(side[1], d, room);
+    const Placed mine = Place(*side[0].body, side[0].patch, d, room),
+                 other = Place(*side[1].body, side[1].patch, d, room);
     if (mine.pose.box.Apart(other.pose.box, room)) return 0;
     int count = VertexTouches(mine, other, 0, margin, scratch, out);
     for (int i = 0; i < count; i++) out[i].normal = -1 * out[i].normal;
@@ -268,7 +215,7 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const GeomQuery query(m, d, body.hulls(), rigid, reach);
   if (!query.valid) return 0;
   const Features& points = body.features()[rigid];
-  const Placed soft = Place(side[s], d, room + body.contact_radius() + points.radius);
+  const Placed soft = Place(body, side[s].patch, d, room + body.contact_radius() + points.radius);
   int count = 0;
   if (!body.has_volume() || !(query.LowerBound(soft.pose.box) > reach)) {
     const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
@@ -287,7 +234,9 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
   const int s = side[1].body ? 1 : 0;
   if (side[s].patch < 0) return 0;
   const Held held(geom, side);
-  const int count = UpdatedState(side[s], d)->Recall(d, geom[1 - s], out, scratch->share[s]);
+  PatchState* state = side[s].body->states()[side[s].patch].get();
+  state->Update(d);
+  const int count = state->Recall(d, geom[1 - s], out, scratch->share[s]);
   // sensors of distance, too, search, and may name the two in the other order
   for (int i = 0; i < count; i++) {
     if (out[i].side >= 0) out[i].side = s;
@@ -311,10 +260,19 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
       deformed.AddWeights(scratch.xi[touch.side][v], share, weight);
       continue;
     }
-    const Patch& patch = deformed.patch();
-    for (size_t a = 0; a < patch.point.size(); a++) {
-      weight[patch.point[a]] += share * patch.weight[a * patch.vertices + v];
-    }
+    AddVertexWeights(deformed.patch(), v, share, weight);
+  }
+}
+
+void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight) {
+  const std::lock_guard held(side.body->states()[side.patch]->mutex);
+  const Placed soft = Place(*side.body, side.patch, d, 0);
+  Vec3 xi, normal;
+  double distance;
+  if (side.body->has_volume() && soft.Distance(place, false, &xi, &distance, &normal)) {
+    soft.deformed.AddWeights(xi, 1, weight);
+  } else {
+    AddVertexWeights(soft.deformed.patch(), soft.NearestVertex(place), 1, weight);
   }
 }
 

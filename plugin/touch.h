@@ -56,6 +56,9 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 // was found or recalled last, with this scratch.
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight);
 
+// weight[j] += weight of control point j in the velocity of what is at a place, or nearest to it.
+void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight);
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_TOUCH_H_

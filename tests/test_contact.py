@@ -154,11 +154,8 @@ def clusters(model: mujoco.MjModel, view: Soft) -> list[Cluster]:
     parts = {key: decode(view.configuration[f"patch_{key}"]) for key in ("size", "clusters", "cluster_size", "point")}
     weight = decode(view.configuration["patch_weight"])
     offset = decode(view.configuration["patch_offset"]) if "patch_offset" in view.configuration else None
-    instance = model.body_plugin[view.bodies[0]]
     found = []
-    for geom, size, count in zip(
-        np.flatnonzero(model.geom_plugin == instance), parts["size"], parts["clusters"], strict=True
-    ):
+    for geom, size, count in zip(view.patches, parts["size"], parts["clusters"], strict=True):
         sizes, parts["cluster_size"] = np.split(parts["cluster_size"], [count])
         points, parts["point"] = np.split(parts["point"], [size])
         block, weight = np.split(weight, [size * sizes.sum()])

@@ -200,7 +200,8 @@ def test_bits_choose_what_a_soft_body_meets() -> None:
         mujoco.mj_forward(model, data)
         met[name] = data.ncon
         for c in data.contact:
-            assert model.geom_plugin[c.geom[0]] != model.geom_plugin[c.geom[1]]
+            owner = model.body_plugin[model.geom_bodyid[c.geom]]
+            assert owner[0] != owner[1]
     assert met["each other"] > 3
     assert met["rigid geoms"] == 0
 

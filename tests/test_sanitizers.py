@@ -27,6 +27,8 @@ SCENE = """
   <option cone="elliptic"/>
   <worldbody>
     <geom type="plane" size="1 1 .1"/>
+    <flexcomp name="cloth" type="grid" dim="2" count="5 5 1" spacing=".03 .03 .03" pos="0 0 .075"
+      mass=".05" radius=".001"/>
     <geom type="cylinder" size=".02 .1" pos="0 0 .02" euler="90 0 0"/>
     <body pos="0 0 .08"><freejoint/><geom type="ellipsoid" size=".03 .02 .01"/></body>
     <body pos=".05 0 .1"><freejoint/><geom type="box" size=".02 .02 .01"/></body>
@@ -45,6 +47,8 @@ for jacobian in (mujoco.mjtJacobian.mjJAC_DENSE, mujoco.mjtJacobian.mjJAC_SPARSE
     for _ in range(30):
         mujoco.mj_step(model, data)
         contacts += data.ncon
+    for x in range(-4, 6):
+        mujoco.mj_ray(model, data, [0.1 * x, 0.1, 1], [0.01, 0, -1], None, 1, -1, None)
     print(contacts)
 for damaged in {damaged!r}:
     try:

@@ -1,0 +1,124 @@
+#include "patch_field.h"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+
+#include "placed.h"
+#include "soft.h"
+
+namespace mjframes {
+namespace {
+
+// Rays go on by the distance, and stop where it vanishes, within forty steps: close is there, and outside a step stays
+// on this side of a surface whose distance is interpolated.
+constexpr double kThere = 1e-3;    // [cells]
+constexpr double kCareful = 0.97;  // [-]
+constexpr double kStep = 0.5;      // [cells] where nothing is known but that the surface is not here
+
+int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
+
+// What an instance stands for.
+struct PatchField {
+  int geom;
+  int instance;  // of the soft body
+};
+
+// Unit vector from a to b; z where they meet.
+Vec3 Direction(const Vec3& a, const Vec3& b) {
+  const double length = Norm(b - a);
+  return length > mjMINVAL ? (1 / length) * (b - a) : Vec3{0, 0, 1};
+}
+
+double Evaluate(const mjtNum point[3], const mjData* d, int instance, mjtNum* gradient) {
+  const auto* field = reinterpret_cast<const PatchField*>(d->plugin_data[instance]);
+  const auto* body = reinterpret_cast<const SoftBody*>(d->plugin_data[field->instance]);
+  const int patch = body->FindPatch(field->geom);
+  if (patch < 0) return mjMAXVAL;
+  const mjtNum* origin = d->geom_xpos + 3 * field->geom;
+  Mat3 axes;
+  std::copy_n(d->geom_xmat + 9 * field->geom, 9, axes.begin());
+  const Vec3 p = Vec3{origin[0], origin[1], origin[2]} + Mul(axes, Vec3{point[0], point[1], point[2]});
+  Vec3 normal;
+  const double distance = FieldDistance(*body, patch, d, p, &normal);
+  if (gradient) {
+    const Vec3 local = MulT(axes, normal);
+    std::copy(local.begin(), local.end(), gradient);
+  }
+  return distance;
+}
+
+int Init(const mjModel* m, mjData* d, int instance) {
+  const auto* geom = std::find(m->geom_plugin, m->geom_plugin + m->ngeom, instance);
+  const int found = static_cast<int>(geom - m->geom_plugin);
+  const int owner = found < m->ngeom ? SoftInstanceOf(m, found) : -1;
+  if (owner < 0 || !IsSoftBody(m, owner)) {
+    mju_warning("mjframes: '%s' is an instance of %s, which goes with the patches of a soft body only: attach one.",
+                m->names + m->name_pluginadr[instance], kPatchPluginName);
+    return -1;
+  }
+  d->plugin_data[instance] = reinterpret_cast<uintptr_t>(new PatchField{found, owner});
+  return 0;
+}
+
+}  // namespace
+
+int SoftInstanceOf(const mjModel* m, int geom) {
+  const int instance = m->geom_plugin[geom];
+  return instance >= 0 && m->plugin[instance] == g_slot ? m->body_plugin[m->geom_bodyid[geom]] : -1;
+}
+
+double FieldDistance(const SoftBody& body, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
+  const std::lock_guard held(body.states()[patch]->mutex);
+  const double cell = body.cell();
+  const Placed soft = Place(body, patch, d, cell);
+  const PatchVolume& volume = body.volumes()[patch];
+  const double cover = volume.cover * soft.pose.stretch;
+  const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox();
+  Vec3 nearest;  // of the box
+  for (int i = 0; i < 3; i++) nearest[i] = std::clamp(p[i], box.centre[i] - box.half[i], box.centre[i] + box.half[i]);
+  const double gap = Norm(p - nearest);
+  if (gap > cover + cell) {
+    *normal = Direction(nearest, p);
+    return volume.solid ? gap : gap - cover;
+  }
+  double distance;
+  Vec3 xi;
+  if (volume.solid && soft.Distance(p, false, &xi, &distance, normal)) {
+    if (std::abs(distance) < kThere * cell) return 0;
+    if (distance > 0) return kCareful * distance;
+    if (soft.Distance(p, true, &xi, &distance, normal)) return distance;
+  }
+  const double* vertices = soft.state->Vertices();
+  const int n = soft.deformed.patch().vertices, s = soft.NearestVertex(p);
+  const Vec3 vertex = {vertices[s], vertices[n + s], vertices[2 * n + s]};
+  *normal = Direction(vertex, p);
+  distance = Norm(p - vertex) - cover;
+  return volume.solid ? std::max({gap, distance, kStep * cell}) : distance;
+}
+
+void RegisterPatchField() {
+  mjpPlugin plugin;
+  mjp_defaultPlugin(&plugin);
+  plugin.name = kPatchPluginName;
+  plugin.capabilityflags = mjPLUGIN_SDF;
+  plugin.nstate = +[](const mjModel*, int) { return 0; };
+  plugin.init = Init;
+  plugin.destroy = +[](mjData* d, int instance) {
+    delete reinterpret_cast<PatchField*>(d->plugin_data[instance]);
+    d->plugin_data[instance] = 0;
+  };
+  plugin.reset = +[](const mjModel*, mjtNum*, void*, int) {};
+  plugin.compute = +[](const mjModel*, mjData*, int, int) {};
+  plugin.sdf_distance =
+      +[](const mjtNum point[3], const mjData* d, int instance) { return Evaluate(point, d, instance, nullptr); };
+  plugin.sdf_gradient = +[](mjtNum gradient[3], const mjtNum point[3], const mjData* d, int instance) {
+    Evaluate(point, d, instance, gradient);
+  };
+  // a mesh made of the field, which MuJoCo asks for before there is a body: empty
+  plugin.sdf_staticdistance = +[](const mjtNum*, const mjtNum*) -> mjtNum { return 1; };
+  plugin.sdf_aabb = +[](mjtNum aabb[6], const mjtNum*) { std::fill(aabb, aabb + 6, 1.0); };
+  g_slot = mjp_registerPlugin(&plugin);
+}
+
+}  // namespace mjframes

@@ -1,0 +1,35 @@
+// A patch where it is now: the deformed volume below it and its vertices, and how far away a point is.
+
+#ifndef MJFRAMES_PLUGIN_PLACED_H_
+#define MJFRAMES_PLUGIN_PLACED_H_
+
+#include <mujoco/mujoco.h>
+
+#include "deformed.h"
+#include "linear.h"
+#include "patch_state.h"
+#include "patch_volume.h"
+
+namespace mjframes {
+
+class SoftBody;
+
+struct Placed {
+  DeformedPatch deformed;
+  PatchState* state;
+  const PatchPose& pose;
+  double room;  // how far around the vertices and what is below them something may touch [m]
+
+  // Signed distance of p; xi becomes the material point at p. own: only under this patch.
+  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
+
+  // The vertex nearest to p.
+  int NearestVertex(const Vec3& p) const;
+};
+
+// The caller holds the mutex of the patch's state.
+Placed Place(const SoftBody& body, int patch, const mjData* d, double room);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_PLACED_H_
