@@ -6,8 +6,6 @@
 namespace mjframes {
 namespace {
 
-constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
-
 Vec3 Position(const mjtNum* values) { return {values[0], values[1], values[2]}; }
 
 Mat3 Orientation(const mjtNum* values) {
@@ -52,7 +50,7 @@ void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
                      "its arrays of control points do not match each other")) {
     return;
   }
-  points_.assign(count, ControlPoint{-1, -1, 0, false, false, {}, {}, 0});
+  points_.assign(count, ControlPoint{-1, -1, 0, false, false, {}, {}, 0, 0});
   size_t carrier = 0, next = 0;
   for (int body = 1; body < m->nbody; body++) {
     if (m->body_plugin[body] != instance) continue;
@@ -73,13 +71,10 @@ void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
         return;
       }
       const Vec3 at = Position(local.data() + 3 * j);
-      points_[j] = {body, -1, branch[j], false, Dot(at, at) > 0, at, Position(rest.data() + 3 * j), mass[j]};
+      points_[j] = {body, -1, branch[j], false, Dot(at, at) > 0, at, Position(rest.data() + 3 * j), mass[j], 0};
       total += mass[j];
     }
-    if (!reader->Check(std::abs(total - m->body_mass[body]) <= kSameMass * total,
-                       "its bodies do not match its control points: attach or copy the soft body as a whole")) {
-      return;
-    }
+    for (int i = 1; i <= carried[carrier]; i++) points_[order[next - i]].carried = total;
     carrier++;
   }
   reader->Check(next == count && carrier == carried.size(),

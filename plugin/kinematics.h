@@ -29,14 +29,15 @@ namespace mjframes {
 inline constexpr int kMaxCarried = 10;  // points on one body: those of a quadratic frame
 
 struct ControlPoint {
-  int body;     // MuJoCo body that it is fixed on
-  int node;     // the closest node at or above that body, −1 for none
-  int branch;   // points of different branches are coupled by their forces only (see PointPair)
-  bool still;   // whether it never moves in the soft body's axes
-  bool offset;  // whether it is elsewhere than at the body's origin
-  Vec3 local;   // in the body's axes [m]
-  Vec3 rest;    // x̄_j [m]
-  double mass;  // [kg]
+  int body;        // MuJoCo body that it is fixed on
+  int node;        // the closest node at or above that body, −1 for none
+  int branch;      // points of different branches are coupled by their forces only (see PointPair)
+  bool still;      // whether it never moves in the soft body's axes
+  bool offset;     // whether it is elsewhere than at the body's origin
+  Vec3 local;      // in the body's axes [m]
+  Vec3 rest;       // x̄_j [m]
+  double mass;     // as built [kg]
+  double carried;  // of all points on that body, as built [kg]
 };
 
 struct Node {

@@ -17,6 +17,8 @@ namespace {
 
 constexpr char kVersion[] = "3";  // of the configuration; a model written by another version is refused
 
+constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
+
 constexpr const char* kAttributes[] = {
     "version",  //
     "law",
@@ -523,6 +525,28 @@ void SoftBody::AssignMass() {
   has_difference_ = std::any_of(mass_difference_.begin(), mass_difference_.end(), [](double m) { return m != 0; });
   mass_ = mass_difference_;
   for (size_t j = 0; j < points; j++) mass_[own[j]] += kinematics_.points()[j].mass;
+  built_mass_ = mass_;
+  built_difference_ = mass_difference_;
+  mass_scale_.resize(points, 1.0);
+}
+
+// Masses may be changed in the model at any time. √(s_j s_k) M_jk stays positive definite, and right where s is common.
+void SoftBody::ScaleMass(const mjModel* m) {
+  bool same = true;
+  for (size_t j = 0; j < mass_scale_.size(); j++) {
+    const ControlPoint& point = kinematics_.points()[j];
+    const double ratio = m->body_mass[point.body] / point.carried;
+    const double scale = std::abs(ratio - 1) > kSameMass ? std::sqrt(ratio) : 1.0;
+    same = same && scale == mass_scale_[j];
+    mass_scale_[j] = scale;
+  }
+  if (same) return;
+  for (size_t i = 0; i < mass_.size(); i++) {
+    const PointPair& pair = kinematics_.pairs()[i];
+    const double scale = mass_scale_[pair.j] * mass_scale_[pair.k];
+    mass_[i] = scale * built_mass_[i];
+    mass_difference_[i] = scale * built_difference_[i];
+  }
 }
 
 int SoftBody::FindPatch(int geom) const {
@@ -535,6 +559,7 @@ int SoftBody::FindPatch(int geom) const {
 void SoftBody::Compute(const mjModel* m, mjData* d) {
   const bool awake = !kinematics_.Asleep(m, d);
   if (awake) {
+    ScaleMass(m);
     kinematics_.Gather(m, d);
     AddElasticity();
     if (implicit_) kinematics_.StiffenTurns(force_, d);
@@ -639,6 +664,7 @@ double SoftBody::ElasticEnergy() {
 }
 
 double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {
+  ScaleMass(m);
   for (size_t j = 0; j < velocity_.size(); j++) velocity_[j] = kinematics_.WorldVelocity(m, d, static_cast<int>(j));
   double energy = 0;
   for (size_t i = 0; i < mass_.size(); i++) {

@@ -78,6 +78,7 @@ class SoftBody {
   SoftBody() = default;
 
   void AssignMass();
+  void ScaleMass(const mjModel* m);
   void AddElasticity();
   void AddDamping(double rate);
   void AddMassBias(const mjModel* m, const mjData* d);
@@ -103,8 +104,10 @@ class SoftBody {
   Lattice lattice_;
   Hulls hulls_;                     // of the scene's meshes
   std::vector<Features> features_;  // of the scene's geoms
-  std::vector<double> mass_;        // of each pair of points [kg]
+  std::vector<double> mass_;        // of each pair of points, with the model's masses of today [kg]
   bool has_difference_ = false;
+  std::vector<double> built_mass_, built_difference_;  // both with the masses that the body was built with
+  std::vector<double> mass_scale_;                     // of each point, √ of its body's mass to the built one [-]
   std::vector<double> mass_difference_;  // how much of it MuJoCo does not know of: consistent minus lumped mass [kg]
 
   // of this step; one SoftBody belongs to one mjData
