@@ -8,7 +8,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from scenes import FLOOR, beam, jumble, lump
+from scenes import FLOOR, beam, distort, jumble, lump
 from test_kinematics import ARM, CASES
 from test_kinematics import body as bar
 from test_material_points import LAWS, block, centers
@@ -16,6 +16,7 @@ from test_material_points import LAWS, block, centers
 import mjframes as mf
 from mjframes import sensors
 from mjframes.errors import MjframesError
+from mjframes.mechanics import CorotationalRegion
 from mjframes.view import Soft
 
 VOIGT = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])
@@ -72,6 +73,21 @@ def test_sensors_say_what_the_views_say(case: str) -> None:
             found = data.sensor(f"meat_{quantity}").data
             assert np.abs(expected).max() > 0
             np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("make", [beam, lump])
+def test_sensors_turn_with_the_parents_where_frames_disagree(make: Callable[[], mf.SoftBody]) -> None:
+    model = sensed(make()).compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(2)
+    for _ in range(3):
+        distort(model, data, rng, over=True)
+        view = mf.soft(model, data, "meat")
+        regions = [region for region in view.regions if isinstance(region, CorotationalRegion)]
+        assert any(region.effective_gradient(view.control_positions[region.points])[0] < 1 for region in regions)
+        for quantity, expected in by_view(view, chosen(make())).items():
+            found = data.sensor(f"meat_{quantity}").data
+            np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
 def test_sensors_survive_prefixes_and_files(tmp_path) -> None:
