@@ -82,9 +82,7 @@ def attach(
         _add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         _add_skins(own, body, carried, local)
-    own.default.name = (
-        f"{local}{SEPARATOR}default"  # by its own name it would meet that of a soft body with the same prefix
-    )
+    own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:

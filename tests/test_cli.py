@@ -157,14 +157,23 @@ KITCHEN = """
 <mujoco><compiler meshdir="parts"/><asset><mesh name="box" file="box.stl"/></asset>
 <worldbody><body name="lift" pos="0 0 .1">
 <joint name="up" type="slide" axis="0 0 1"/><geom type="mesh" mesh="box"/></body>
+<body name="shelf" pos="0 1 .1"/>
 <body name="ball" pos="1 0 .1"><freejoint name="free"/><geom size=".1"/></body></worldbody>
 <keyframe><key name="raised" qpos=".5 1 2 3 0 1 0 0" qvel="1 2 3 4 5 6 7"/><key name="start"/></keyframe></mujoco>
 """
 
 
-@pytest.mark.parametrize("parent", ["world", "lift"])
+@pytest.mark.parametrize(
+    ("parent", "below", "place"),
+    [("world", "world", (0, 0, 1)), ("shelf", "shelf", (0, 0, 1)), ("lift", "world", (0, 0, 1.1))],
+)
 def test_build_puts_a_body_into_a_scene(
-    body: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], parent: str
+    body: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    parent: str,
+    below: str,
+    place: tuple[float, float, float],
 ) -> None:
     (tmp_path / "parts").mkdir()
     trimesh.creation.box(extents=(0.2, 0.2, 0.2)).export(tmp_path / "parts" / "box.stl")
@@ -175,8 +184,8 @@ def test_build_puts_a_body_into_a_scene(
         assert kitchen.read_text() == KITCHEN
         assert main([*command, "-o", str(output)]) == 0
         model = mujoco.MjModel.from_xml_path(str(output))
-        assert model.body("bar").parentid == model.body(parent).id
-        assert model.body("bar").pos.tolist() == [0, 0, 1]
+        assert model.body("bar").parentid == model.body(below).id
+        assert model.body("bar").pos.tolist() == pytest.approx(place)
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
         assert data.joint("up").qpos == 0.5
