@@ -228,6 +228,6 @@ def test_a_scene_of_before_is_refused() -> None:
     spec = mujoco.MjSpec()
     attach(spec.worldbody, slab(), "soft0")
     spec.compile()
-    xml = re.sub(r'<plugin instance="soft0_patch_\d+"/>', "", spec.to_xml())
+    xml = re.sub(r'<plugin instance="soft0:patch_\d+"/>', "", spec.to_xml())
     with pytest.raises(ValueError, match="its patch geoms are not there: build it again"):
         mujoco.MjModel.from_xml_string(xml)

@@ -115,7 +115,7 @@ def test_a_stiff_block_hangs_from_a_connect_as_high_as_a_rigid_one() -> None:
     for young in (1e5, 1e9):
         spec = mujoco.MjSpec.from_string("<mujoco/>")
         mf.attach(spec.worldbody, cube(young), "soft")
-        held = next(body.name for body in spec.bodies if body.name.startswith("soft_"))
+        held = next(body.name for body in spec.bodies if body.name.startswith("soft:"))
         connect = spec.add_equality(type=EQUALITY.mjEQ_CONNECT, name1=held, name2="world")
         connect.objtype = mujoco.mjtObj.mjOBJ_BODY
         connect.data[:3] = 0
