@@ -129,6 +129,7 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
     extent[i] = m->geom_aabb[6 * geom + 3 + i];
   }
   for (int i = 0; i < 9; i++) orientation[i] = d->geom_xmat[9 * geom + i];
+  SetExtent();
   if (type == mjGEOM_SDF && m->geom_plugin[geom] >= 0) {
     plugin = mjc_getSDF(m, geom);
     sdf_id = m->geom_plugin[geom];
@@ -137,6 +138,34 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
     sdf_id = m->geom_dataid[geom];
     if (type == mjGEOM_MESH && m->mesh_octadr[sdf_id] < 0) hull = hulls[sdf_id].get();
     valid = sdf_id >= 0 && (type == mjGEOM_HFIELD || hull || m->mesh_octadr[sdf_id] >= 0);
+  }
+}
+
+// MuJoCo keeps the bounds of the size that was compiled.
+void GeomQuery::SetExtent() {
+  switch (type) {
+    case mjGEOM_SPHERE:
+      extent = {size[0], size[0], size[0]};
+      bound = size[0];
+      break;
+    case mjGEOM_CAPSULE:
+      extent = {size[0], size[0], size[0] + size[1]};
+      bound = size[0] + size[1];
+      break;
+    case mjGEOM_CYLINDER:
+      extent = {size[0], size[0], size[1]};
+      bound = std::sqrt(size[0] * size[0] + size[1] * size[1]);
+      break;
+    case mjGEOM_ELLIPSOID:
+      extent = size;
+      bound = std::max({size[0], size[1], size[2]});
+      break;
+    case mjGEOM_BOX:
+      extent = size;
+      bound = Norm(size);
+      break;
+    default:
+      break;
   }
 }
 

@@ -14,7 +14,7 @@
 
 namespace mjframes {
 
-using Hulls = std::vector<std::unique_ptr<const Hull>>;  // by mesh
+using Hulls = std::vector<std::shared_ptr<const Hull>>;  // by mesh
 
 // A geom placed in the world, ready for many queries. Types without a closed form go through MuJoCo's own
 // signed distance: SDF plugins bring theirs, meshes an octree. A mesh without one is its convex hull.
@@ -38,6 +38,7 @@ struct GeomQuery {
   bool valid;  // false where MuJoCo has no such distance
 
  private:
+  void SetExtent();
   double Evaluate(const Vec3& p, Vec3* normal) const;  // normal may be null
 
   const mjModel* model;

@@ -13,96 +13,115 @@ constexpr double kPi = 3.14159265358979323846;
 
 int Octant(const Vec3& p) { return (p[0] > 0) + 2 * (p[1] > 0) + 4 * (p[2] > 0); }
 
-void AddBox(const mjtNum* half, Features* out) {
+// Puts points into the order of their clusters, of those of a cluster that of before, and finds their boxes.
+FeatureClusters Sort(const Vec3* points, const int* cluster, size_t n, Vec3* sorted) {
+  FeatureClusters out;
+  size_t end = 0;
+  for (int c = 0; c < kMaxFeatureClusters; c++) {
+    const size_t begin = end;
+    Vec3 low{}, high{};
+    for (size_t i = 0; i < n; i++) {
+      if (cluster[i] != c) continue;
+      const Vec3& p = sorted[end] = points[i];
+      for (int a = 0; a < 3; a++) {
+        low[a] = end == begin ? p[a] : std::min(low[a], p[a]);
+        high[a] = end == begin ? p[a] : std::max(high[a], p[a]);
+      }
+      end++;
+    }
+    if (end > begin) out.cluster[out.count++] = {begin, end, {0.5 * (low + high), 0.5 * (high - low)}};
+  }
+  return out;
+}
+
+}  // namespace
+
+MeshFeatures::MeshFeatures(const Hull& hull) {
+  const std::vector<Vec3> corners = hull.Corners();
+  std::vector<int> octant(corners.size());
+  std::transform(corners.begin(), corners.end(), octant.begin(), Octant);
+  points.resize(corners.size());
+  clusters = Sort(corners.data(), octant.data(), corners.size(), points.data());
+}
+
+void Features::Add(const Vec3& p, int cluster) {
+  added_[count_] = p;
+  cluster_[count_++] = cluster;
+}
+
+void Features::AddBox(const mjtNum* half) {
   for (int corner = 0; corner < 8; corner++) {
     Vec3 p;
     for (int i = 0; i < 3; i++) p[i] = corner >> i & 1 ? half[i] : -half[i];
-    out->points.push_back({p, corner});
+    Add(p, corner);
   }
   for (int axis = 0; axis < 3; axis++) {
     for (int corner = 0; corner < 8; corner++) {
       if (corner >> axis & 1) continue;
       for (int step = 1; step <= kEdgePoints; step++) {
-        Vec3 p = out->points[corner].position;
+        Vec3 p = added_[corner];
         p[axis] = half[axis] * (2.0 * step / (kEdgePoints + 1) - 1);
-        out->points.push_back({p, Octant(p)});
+        Add(p, Octant(p));
       }
     }
   }
 }
 
-void AddCylinder(double radius, double half, Features* out) {
+void Features::AddCylinder(double radius, double half) {
   for (int step = 0; step < kRimPoints; step++) {
     const double angle = 2 * kPi * (step + 0.5) / kRimPoints;
     for (const double z : {-half, half}) {
       const Vec3 p = {radius * std::cos(angle), radius * std::sin(angle), z};
-      out->points.push_back({p, Octant(p)});
+      Add(p, Octant(p));
     }
   }
 }
 
-void AddCapsule(double radius, double half, Features* out) {
-  out->radius = radius;
-  const int count = std::clamp(2 + static_cast<int>(2 * half / radius), 2, kCapsulePoints);
+void Features::AddCapsule(double radius, double half) {
+  const bool few = 2 * half < kCapsulePoints * radius;
+  const int count = few ? std::min(2 + static_cast<int>(2 * half / radius), kCapsulePoints) : kCapsulePoints;
   for (int i = 0; i < count; i++) {
     const Vec3 p = {0, 0, half * (2.0 * i / (count - 1) - 1)};
-    out->points.push_back({p, p[2] > 0});
+    Add(p, p[2] > 0);
   }
 }
 
-void FindClusters(Features* out) {
-  std::vector<Feature>& points = out->points;
-  std::stable_sort(points.begin(), points.end(),
-                   [](const Feature& a, const Feature& b) { return a.cluster < b.cluster; });
-  for (size_t begin = 0, end; begin < points.size(); begin = end) {
-    Vec3 low = points[begin].position, high = low;
-    for (end = begin; end < points.size() && points[end].cluster == points[begin].cluster; end++) {
-      for (int i = 0; i < 3; i++) {
-        low[i] = std::min(low[i], points[end].position[i]);
-        high[i] = std::max(high[i], points[end].position[i]);
-      }
-    }
-    out->clusters.push_back({begin, end, {0.5 * (low + high), 0.5 * (high - low)}});
-  }
+double Features::Radius(const mjModel* m, int geom) {
+  const int type = m->geom_type[geom];
+  return type == mjGEOM_SPHERE || type == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
 }
 
-}  // namespace
-
-std::vector<Features> GeomFeatures(const mjModel* m, const Hulls& hulls) {
-  std::vector<Features> features(m->ngeom);
-  for (int geom = 0; geom < m->ngeom; geom++) {
-    Features& out = features[geom];
-    const mjtNum* size = m->geom_size + 3 * geom;
-    const int mesh = m->geom_plugin[geom] < 0 ? m->geom_dataid[geom] : -1;
-    switch (m->geom_type[geom]) {
-      case mjGEOM_SPHERE:
-        out.radius = size[0];
-        out.points.push_back({{0, 0, 0}, 0});
-        break;
-      case mjGEOM_ELLIPSOID:
-        out.round = true;
-        out.points.push_back({{0, 0, 0}, 0});
-        break;
-      case mjGEOM_CAPSULE:
-        AddCapsule(size[0], size[1], &out);
-        break;
-      case mjGEOM_CYLINDER:
-        AddCylinder(size[0], size[1], &out);
-        break;
-      case mjGEOM_BOX:
-        AddBox(size, &out);
-        break;
-      case mjGEOM_MESH:
-      case mjGEOM_SDF:
-        if (mesh < 0 || !hulls[mesh]) break;
-        for (const Vec3& p : hulls[mesh]->vertices()) out.points.push_back({p, Octant(p)});
-        break;
-      default:
-        break;
-    }
-    FindClusters(&out);
+Features::Features(const mjModel* m, const AllMeshFeatures& meshes, int geom) : radius(Radius(m, geom)) {
+  const mjtNum* size = m->geom_size + 3 * geom;
+  const int mesh = m->geom_plugin[geom] < 0 ? m->geom_dataid[geom] : -1;
+  switch (m->geom_type[geom]) {
+    case mjGEOM_SPHERE:
+      Add({0, 0, 0}, 0);
+      break;
+    case mjGEOM_ELLIPSOID:
+      round = true;
+      Add({0, 0, 0}, 0);
+      break;
+    case mjGEOM_CAPSULE:
+      AddCapsule(size[0], size[1]);
+      break;
+    case mjGEOM_CYLINDER:
+      AddCylinder(size[0], size[1]);
+      break;
+    case mjGEOM_BOX:
+      AddBox(size);
+      break;
+    case mjGEOM_MESH:
+    case mjGEOM_SDF:
+      if (mesh < 0 || !meshes[mesh]) break;
+      points = meshes[mesh]->points.data();
+      clusters = meshes[mesh]->clusters;
+      return;
+    default:
+      break;
   }
-  return features;
+  clusters = Sort(added_, cluster_, count_, sorted_);
+  points = sorted_;
 }
 
 Vec3 EllipsoidSupport(const mjtNum* size, const Vec3& direction) {

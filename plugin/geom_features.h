@@ -8,9 +8,10 @@
 
 #include <mujoco/mujoco.h>
 
+#include <memory>
 #include <vector>
 
-#include "distance.h"
+#include "hull.h"
 #include "linear.h"
 #include "patch_volume.h"
 
@@ -18,27 +19,54 @@ namespace mjframes {
 
 inline constexpr int kMaxFeatureClusters = 8;
 
-struct Feature {
-  Vec3 position;  // in the geom's axes [m]
-  int cluster;    // < kMaxFeatureClusters
-};
-
 // Features begin … end of a geom, and a box around them in the geom's axes.
 struct FeatureCluster {
   size_t begin, end;
   AlignedBox box;
 };
 
-// The features of one geom.
-struct Features {
-  double radius = 0;                     // of the balls around the points [m]
-  bool round = false;                    // an ellipsoid: the one point follows the soft surface's normal
-  std::vector<Feature> points;           // cluster after cluster
-  std::vector<FeatureCluster> clusters;  // those that are not empty
+// Points in a geom's axes [m], cluster after cluster; no more clusters than with points.
+struct FeatureClusters {
+  int count = 0;
+  FeatureCluster cluster[kMaxFeatureClusters];
 };
 
-// Of every geom of the model; none for planes, height fields and SDF plugins.
-std::vector<Features> GeomFeatures(const mjModel* m, const Hulls& hulls);
+// Those of a mesh, by the octants of its axes.
+struct MeshFeatures {
+  explicit MeshFeatures(const Hull& hull);
+
+  std::vector<Vec3> points;
+  FeatureClusters clusters;
+};
+
+using AllMeshFeatures = std::vector<std::shared_ptr<const MeshFeatures>>;  // by mesh
+
+// The features of one geom, by its size now; none for planes, height fields and SDF plugins.
+class Features {
+ public:
+  Features(const mjModel* m, const AllMeshFeatures& meshes, int geom);
+  Features(const Features&) = delete;
+
+  // Of the balls around the points [m].
+  static double Radius(const mjModel* m, int geom);
+
+  double radius = 0;
+  bool round = false;  // an ellipsoid: the one point follows the soft surface's normal
+  const Vec3* points = nullptr;
+  FeatureClusters clusters;
+
+ private:
+  static constexpr int kMost = 44;  // of geoms other than meshes: a box's
+
+  void Add(const Vec3& p, int cluster);
+  void AddBox(const mjtNum* half);
+  void AddCylinder(double radius, double half);
+  void AddCapsule(double radius, double half);
+
+  int count_ = 0;
+  int cluster_[kMost];
+  Vec3 added_[kMost], sorted_[kMost];
+};
 
 // The point of an ellipsoid of half axes `size`, in its own axes, that is farthest along `direction` [m].
 Vec3 EllipsoidSupport(const mjtNum* size, const Vec3& direction);

@@ -1,7 +1,8 @@
 // Signed distance to the convex hull of a mesh, which is what MuJoCo collides a mesh as.
 //
 // Inside: the largest distance to a face plane. Outside: the distance to the nearest triangle; only faces that see the
-// point can hold it, and a face whose plane is farther than the best so far cannot.
+// point can hold it, and a face whose plane is farther than the best so far cannot. Hulls of many faces are searched by
+// a tree of them: bounds of a node's triangles and of its planes tell what it cannot hold.
 
 #ifndef MJFRAMES_PLUGIN_HULL_H_
 #define MJFRAMES_PLUGIN_HULL_H_
@@ -21,20 +22,46 @@ class Hull {
   // The hull of mesh `mesh`; null where the model keeps none.
   static std::unique_ptr<const Hull> Create(const mjModel* m, int mesh);
 
+  // Of these triangles, whose planes have all vertices on one side.
+  Hull(std::vector<Vec3> vertices, const std::vector<std::array<int, 3>>& faces);
+
   // Distance [m] from p, in the mesh's axes, negative inside; `normal` out of the hull there. Above `reach` only that
   // is sure of the distance, that it is above.
   double Distance(const Vec3& p, double reach, Vec3* normal) const;
 
-  const std::vector<Vec3>& vertices() const { return vertices_; }
+  // The same by looking at every face.
+  double DistanceByAll(const Vec3& p, double reach, Vec3* normal) const;
+
+  // Its vertices; where they are many, those that are farthest along some of as many directions all around: sharp ones
+  // are, and on what is round they are as close as it takes.
+  std::vector<Vec3> Corners() const;
 
  private:
+  // Faces begin … end of `order_`, halved between the node after this one and `second` if there are too many for a
+  // leaf.
+  struct Node {
+    int begin, end, second;
+    Vec3 low, high;      // of the triangles
+    Vec3 n_low, n_high;  // of the planes' normals
+    double offset_low;   // and offsets
+  };
+
+  void AddNode(int begin, int end);
+  double Plane(int f, const Vec3& p) const { return nx_[f] * p[0] + ny_[f] * p[1] + nz_[f] * p[2] - offset_[f]; }
+  // No plane of the node's faces is farther below p.
+  static double HighestPlane(const Node& node, const Vec3& p);
+  // Looks whether a face that sees p is nearer than *best.
+  void Nearer(int f, const Vec3& p, double* best, int* found, Vec3* normal) const;
+
   std::vector<Vec3> vertices_;
   std::vector<std::array<int, 3>> faces_;
   std::vector<double> nx_, ny_, nz_, offset_;  // planes of the faces: n · p = offset, n outwards
+  std::vector<int> order_;                     // faces that are near each other side by side
+  std::vector<Node> nodes_;                    // the whole hull first; none if it has few faces
 };
 
 // The hulls of the meshes that geoms use, by mesh; null where the model keeps none, because nothing collides with it.
-std::vector<std::unique_ptr<const Hull>> CollisionHulls(const mjModel* m);
+std::vector<std::shared_ptr<const Hull>> CollisionHulls(const mjModel* m);
 
 }  // namespace mjframes
 

@@ -59,6 +59,16 @@ inline Mat3 Inverse(const Mat3& a) {
           s * (a[3] * a[7] - a[4] * a[6]), s * (a[1] * a[6] - a[0] * a[7]), s * (a[0] * a[4] - a[1] * a[3])};
 }
 
+// |a u| is at most this times |u|: √(‖a‖₁ ‖a‖∞).
+inline double NormBound(const Mat3& a) {
+  double rows = 0, columns = 0;
+  for (int i = 0; i < 3; i++) {
+    rows = std::fmax(rows, std::abs(a[3 * i]) + std::abs(a[3 * i + 1]) + std::abs(a[3 * i + 2]));
+    columns = std::fmax(columns, std::abs(a[i]) + std::abs(a[3 + i]) + std::abs(a[6 + i]));
+  }
+  return std::sqrt(rows * columns);
+}
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_LINEAR_H_

@@ -182,13 +182,7 @@ PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const
     box.half[i] = bend[i];
     for (int c = 0; c < 3; c++) box.half[i] += std::abs(B[3 * i + c]) * half[c];
   }
-  // |B u|² ≤ ‖B‖₁ ‖B‖∞ |u|²
-  double rows = 0, columns = 0;
-  for (int i = 0; i < 3; i++) {
-    rows = std::max(rows, std::abs(B[3 * i]) + std::abs(B[3 * i + 1]) + std::abs(B[3 * i + 2]));
-    columns = std::max(columns, std::abs(B[i]) + std::abs(B[3 + i]) + std::abs(B[6 + i]));
-  }
-  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL, std::sqrt(rows * columns)};
+  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL, NormBound(B)};
   if (Det(B) > mjMINVAL) {
     const Mat3 inverse = Inverse(B);
     for (int i = 0; i < 9; i++) pose.slope[i] = 0;

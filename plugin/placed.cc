@@ -1,6 +1,7 @@
 #include "placed.h"
 
 #include "lanes.h"
+#include "lattice.h"
 #include "multiversion.h"
 #include "soft.h"
 
@@ -37,6 +38,17 @@ int Nearest(const double* points, int n, const Vec3& p) {
 }  // namespace
 
 int Placed::NearestVertex(const Vec3& p) const { return Nearest(state->Vertices(), deformed.patch().vertices, p); }
+
+bool Placed::Above(const Vec3& p, double height) const {
+  if (pose.error > kTrusted) return false;
+  const Lattice& lattice = deformed.body().lattice();
+  int nodes[8];
+  Vec3 fraction, gradient;
+  if (!lattice.Cell(pose.guess + Mul(pose.slope, p - pose.box.centre), nodes, &fraction)) return false;
+  // guesses of p and of the surface are both off by the error; the surface bends, so twice the cells a metre
+  const double cells = lattice.Distance(nodes, fraction, &gradient) / lattice.spacing - 2 * pose.error;
+  return cells > 2 * height * NormBound(pose.slope);
+}
 
 bool Placed::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
   if (own && !pose.box.Holds(p, room)) return false;

@@ -23,6 +23,9 @@ struct Placed {
   // Signed distance of p; xi becomes the material point at p. own: only under this patch.
   bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
 
+  // Whether p is surely farther than `height` outside of the surface; cheap, and false where that is not known.
+  bool Above(const Vec3& p, double height) const;
+
   // The vertex nearest to p.
   int NearestVertex(const Vec3& p) const;
 };

@@ -474,7 +474,9 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
       body->states_.push_back(std::make_unique<PatchState>(*body, static_cast<int>(i)));
     }
     body->hulls_ = CollisionHulls(m);
-    body->features_ = GeomFeatures(m, body->hulls_);
+    for (const auto& hull : body->hulls_) {
+      body->features_.push_back(hull ? std::make_shared<const MeshFeatures>(*hull) : nullptr);
+    }
     CheckHeightFields(m, body->patches_.front().geom, &reader);
     CheckFlexes(m, body->patches_.front().geom, &reader);
   }

@@ -70,7 +70,7 @@ class SoftBody {
   bool has_volume() const { return has_volume_; }
   const Lattice& lattice() const { return lattice_; }
   const Hulls& hulls() const { return hulls_; }
-  const std::vector<Features>& features() const { return features_; }
+  const AllMeshFeatures& features() const { return features_; }
   // The region of this number in the configuration, which has to be there; not of a law at quadrature points.
   const Region& FindRegion(int number) const;
 
@@ -102,9 +102,9 @@ class SoftBody {
   std::vector<PatchVolume> volumes_;                 // by patch
   std::vector<std::unique_ptr<PatchState>> states_;  // by patch
   Lattice lattice_;
-  Hulls hulls_;                     // of the scene's meshes
-  std::vector<Features> features_;  // of the scene's geoms
-  std::vector<double> mass_;        // of each pair of points, with the model's masses of today [kg]
+  Hulls hulls_;               // of the scene's meshes
+  AllMeshFeatures features_;  // of these
+  std::vector<double> mass_;  // of each pair of points, with the model's masses of today [kg]
   bool has_difference_ = false;
   std::vector<double> built_mass_, built_difference_;  // both with the masses that the body was built with
   std::vector<double> mass_scale_;                     // of each point, √ of its body's mass to the built one [-]

@@ -92,10 +92,11 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
 Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, const Placed& soft) {
   Vec3 p = centre, xi, normal;
   double distance;
-  if (!soft.pose.box.Holds(centre, soft.room + m->geom_rbound[geom])) return centre;
+  const mjtNum* size = m->geom_size + 3 * geom;
+  if (!soft.pose.box.Holds(centre, soft.room + std::max({size[0], size[1], size[2]}))) return centre;
   if (!soft.Distance(centre, false, &xi, &distance, &normal)) normal = centre - soft.pose.box.centre;
   for (int step = 0; step < kSupportSteps; step++) {
-    p = centre + Mul(axes, EllipsoidSupport(m->geom_size + 3 * geom, MulT(axes, -1 * normal)));
+    p = centre + Mul(axes, EllipsoidSupport(size, MulT(axes, -1 * normal)));
     if (!soft.Distance(p, false, &xi, &distance, &normal)) break;
   }
   return p;
@@ -123,15 +124,18 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
   Near near[kMost];
   double share[kMost];
   int count = 0;
-  for (const FeatureCluster& cluster : features.clusters) {
+  for (int c = 0; c < features.clusters.count; c++) {
+    const FeatureCluster& cluster = features.clusters.cluster[c];
     if (!features.round && cluster.box.Apart(box, 2 * kMargin)) continue;
     int found = 0;
     for (size_t i = cluster.begin; i < cluster.end && found < kMost; i++) {
-      const Vec3& position = features.points[i].position;
+      const Vec3& position = features.points[i];
       if (!(features.round || box.Holds(position, kMargin))) continue;
       Near& candidate = near[found];
       candidate.p = world(position);
       if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
+      // has no share in a contact
+      if (soft.Above(candidate.p, std::max(0.0, margin) + reach + features.radius)) continue;
       if (!soft.Distance(candidate.p, true, &candidate.xi, &share[found], &candidate.normal)) continue;
       share[found] -= features.radius;
       found++;
@@ -214,12 +218,14 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const double reach = std::max(0.0, margin) + (1 + kBlend) * body.contact_radius();
   const GeomQuery query(m, d, body.hulls(), rigid, reach);
   if (!query.valid) return 0;
-  const Features& points = body.features()[rigid];
-  const Placed soft = Place(body, side[s].patch, d, room + body.contact_radius() + points.radius);
+  const double ball = Features::Radius(m, rigid);
+  const Placed soft = Place(body, side[s].patch, d, room + body.contact_radius() + ball);
   int count = 0;
   if (!body.has_volume() || !(query.LowerBound(soft.pose.box) > reach)) {
     const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
-    if (body.has_volume()) count += FeatureTouches(m, d, rigid, soft, points, margin, out + count);
+    if (body.has_volume()) {
+      count += FeatureTouches(m, d, rigid, soft, Features(m, body.features(), rigid), margin, out + count);
+    }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {
       if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;

@@ -1,4 +1,4 @@
-"""The plugin's laws and quadrature, compiled with its own flags and without MuJoCo, called as C functions."""
+"""Parts of the plugin, compiled with its own flags and without MuJoCo, called as C functions."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from mjframes import plugin
@@ -18,20 +19,31 @@ SOURCES = Path(__file__).parent.parent / "plugin"
 
 
 @cache
-def harness() -> ctypes.CDLL:
-    """The functions of quadrature_harness.cc, made once for these sources."""
-    units = [Path(__file__).with_name("quadrature_harness.cc"), SOURCES / "quadrature.cc"]
+def harness(part: str = "quadrature") -> ctypes.CDLL:
+    """The functions of quadrature_harness.cc or another part's, made once for these sources."""
+    units = [Path(__file__).with_name(f"{part}_harness.cc"), SOURCES / f"{part}.cc"]
     digest = hashlib.sha256(units[0].read_bytes() + plugin.library_name(SOURCES).encode()).hexdigest()[:12]
-    library = plugin.cache_directory() / f"harness-{digest}.so"
+    library = plugin.cache_directory() / f"harness-{part}-{digest}.so"
     if not library.is_file():
         library.parent.mkdir(parents=True, exist_ok=True)
         flags = (SOURCES / plugin.FLAGS_FILE).read_text().split()
         partial = library.with_suffix(f".{os.getpid()}")
-        command = [*plugin.find_compiler(), *flags, "-Werror", f"-I{SOURCES}", "-shared", "-o", str(partial)]
+        command = [
+            *plugin.find_compiler(),
+            *flags,
+            "-Werror",
+            f"-I{SOURCES}",
+            "-isystem",
+            mujoco.HEADERS_DIR + "/..",
+            "-shared",
+            "-o",
+            str(partial),
+        ]
         subprocess.run([*command, *map(str, units)], check=True)
         os.replace(partial, library)
     loaded = ctypes.CDLL(str(library))
-    loaded.region.restype = ctypes.c_double
+    if part == "quadrature":
+        loaded.region.restype = ctypes.c_double
     return loaded
 
 

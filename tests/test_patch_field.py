@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -67,10 +68,9 @@ def nearest_hit(corners: np.ndarray, start: np.ndarray, along: np.ndarray) -> tu
 
 
 @pytest.mark.parametrize(("body", "bent"), [(lump, 0.0), (lump, 0.003), (slab, 0.0), (slab, 0.003), (beam, 0.003)])
-def test_rays_hit_the_deformed_surface(body: object, bent: float) -> None:
+def test_rays_hit_the_deformed_surface(body: Callable[[], SoftBody], bent: float) -> None:
     """All but those that graze it, where the skin is, to a tenth of a cell in the median."""
-    assert callable(body)
-    made: SoftBody = body()
+    made = body()
     model, data = compiled("<mujoco/>", (made, (0, 0, 0.1), TILTED))
     rng = np.random.default_rng(0)
     data.qpos += bent * rng.normal(size=model.nq)
