@@ -119,8 +119,8 @@ class Recording:
     def motion_gain(self) -> float:
         """The most by which kinetic and potential energy together exceed the total energy of the start [J].
 
-        Without the elastic energy, which is nothing to rely on where a material is very stiff: a step that turns such a
-        body stretches it by a millionth, the next one brings it back, and 10¹¹ Pa make kilojoules of that.
+        Without the elastic energy, which is nothing to rely on where a material is very stiff: a step h that turns such
+        a body by ω h stretches it by (ω h)²/2, and it stays so while it turns.
         """
         return max(0.0, float((self.motion - self.energy[0]).max()))
 
