@@ -288,10 +288,7 @@ ContactScratch::ContactScratch(const mjModel* m)
       path(m->nv),
       sqrt_inverse(m->nv),
       omega(kMaxCarried * m->nbody),
-      share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)},
-      touch(std::make_unique<TouchScratch>()) {}
-
-ContactScratch::~ContactScratch() = default;
+      share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)} {}
 
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
@@ -303,6 +300,7 @@ void InstallCollisionHook() {
 
 void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   for (int i = 0; i < m->nv; i++) scratch->sqrt_inverse[i] = std::sqrt(d->qLDiagInv[i]);
+  TouchScratch touch;
   Touch found[kMaxTouches];
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
@@ -325,7 +323,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
         highest = std::max(highest, d->contact[i].dist);
       }
       recalled = true;
-      count = RecallTouches(d, pair, side, scratch->touch.get(), found);
+      count = RecallTouches(d, pair, side, &touch, found);
       next = 0;
     }
     // contacts of a pair come in the order of its touches, without those that are too far
@@ -336,13 +334,13 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     };
     if (!find() && recalled) {  // mjData is a copy, or has other contacts than those found last
       recalled = false;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, &touch, found);
       next = 0;
       find();
     }
     if (next == count) continue;
     WriteContact(m, d, contact, side, scratch,
-                 [&](int s, double* weight) { AddTouchWeights(side, found[next], *scratch->touch, s, weight); });
+                 [&](int s, double* weight) { AddTouchWeights(side, found[next], touch, s, weight); });
     next++;
   }
 }

@@ -13,7 +13,6 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "kinematics.h"
@@ -39,18 +38,14 @@ inline constexpr int kMaxPatchVertices = 1024;
 // A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
 inline constexpr int kMaxClusters = 4;
 
-struct TouchScratch;
-
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
-  ~ContactScratch();
   std::vector<double> row, half;            // J and D^(−½) L^(−ᵀ) Jᵀ             (nv)
   std::vector<double> path;                 // of these, on one path of a tree    (≤ nv)
   std::vector<double> sqrt_inverse;         // D^(−½)                             (nv)
   std::vector<double> omega;                // ω of each control point
   std::array<std::vector<Share>, 2> share;  // by side: of the nodes         (≤ nv)
-  std::unique_ptr<TouchScratch> touch;
 };
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
