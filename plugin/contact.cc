@@ -199,12 +199,7 @@ void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, Con
 }  // namespace
 
 ContactScratch::ContactScratch(const mjModel* m)
-    : impedance(m),
-      omega(kMaxCarried * m->nbody),
-      share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)},
-      touch(std::make_unique<TouchScratch>()) {}
-
-ContactScratch::~ContactScratch() = default;
+    : impedance(m), omega(kMaxCarried * m->nbody), share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)} {}
 
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
@@ -222,6 +217,7 @@ void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     if (body && body->changes_inertia()) impedance.Mark(body->kinematics());
   }
   impedance.ScaleOthers(m, d);
+  TouchScratch touch;
   Touch found[kMaxTouches];
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
@@ -244,7 +240,7 @@ void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
         highest = std::max(highest, d->contact[i].dist);
       }
       recalled = true;
-      count = RecallTouches(d, pair, side, scratch->touch.get(), found);
+      count = RecallTouches(d, pair, side, &touch, found);
       next = 0;
     }
     // contacts of a pair come in the order of its touches, without those that are too far
@@ -255,7 +251,7 @@ void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     };
     if (!find() && recalled) {  // mjData is a copy, or has other contacts than those found last
       recalled = false;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, scratch->touch.get(), found);
+      count = FindTouches(m, d, pair, side, highest + kSamePlace, &touch, found);
       next = 0;
       find();
     }
@@ -264,7 +260,7 @@ void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       continue;
     }
     WriteContact(m, d, contact, side, scratch,
-                 [&](int s, double* weight) { AddTouchWeights(side, found[next], *scratch->touch, s, weight); });
+                 [&](int s, double* weight) { AddTouchWeights(side, found[next], touch, s, weight); });
     next++;
   }
 }

@@ -13,7 +13,6 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "impedance.h"
@@ -40,16 +39,12 @@ inline constexpr int kMaxPatchVertices = 1024;
 // A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
 inline constexpr int kMaxClusters = 4;
 
-struct TouchScratch;
-
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
-  ~ContactScratch();
   Impedance impedance;
   std::vector<double> omega;                // ω of each control point
   std::array<std::vector<Share>, 2> share;  // by side: of the nodes         (≤ nv)
-  std::unique_ptr<TouchScratch> touch;
 };
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.

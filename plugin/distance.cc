@@ -112,7 +112,7 @@ void BoxDistances(const double* __restrict p, int n, const Vec3& position, const
 
 }  // namespace
 
-GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int geom, double reach)
+GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const CollisionMeshes& meshes, int geom, double reach)
     : valid(true),
       model(m),
       data(d),
@@ -136,7 +136,7 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int 
     valid = plugin->sdf_distance && plugin->sdf_gradient;
   } else if (type == mjGEOM_SDF || type == mjGEOM_MESH || type == mjGEOM_HFIELD) {
     sdf_id = m->geom_dataid[geom];
-    if (type == mjGEOM_MESH && m->mesh_octadr[sdf_id] < 0) hull = hulls[sdf_id].get();
+    if (type == mjGEOM_MESH && m->mesh_octadr[sdf_id] < 0) hull = meshes[sdf_id] ? &meshes[sdf_id]->hull : nullptr;
     valid = sdf_id >= 0 && (type == mjGEOM_HFIELD || hull || m->mesh_octadr[sdf_id] >= 0);
   }
 }

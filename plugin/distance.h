@@ -8,19 +8,17 @@
 #include <memory>
 #include <vector>
 
-#include "hull.h"
+#include "geom_features.h"
 #include "linear.h"
 #include "patch_volume.h"
 
 namespace mjframes {
 
-using Hulls = std::vector<std::shared_ptr<const Hull>>;  // by mesh
-
 // A geom placed in the world, ready for many queries. Types without a closed form go through MuJoCo's own
 // signed distance: SDF plugins bring theirs, meshes an octree. A mesh without one is its convex hull.
 struct GeomQuery {
   // reach: distances above it may be any above it.
-  GeomQuery(const mjModel* m, const mjData* d, const Hulls& hulls, int geom, double reach);
+  GeomQuery(const mjModel* m, const mjData* d, const CollisionMeshes& meshes, int geom, double reach);
 
   // Distance [m] from the world's points begin … end of n to the surface, negative inside: out[s] for s among them.
   // points: by component, as Skinned has them.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "shared.h"
+
 namespace mjframes {
 namespace {
 
@@ -42,6 +44,21 @@ MeshFeatures::MeshFeatures(const Hull& hull) {
   std::transform(corners.begin(), corners.end(), octant.begin(), Octant);
   points.resize(corners.size());
   clusters = Sort(corners.data(), octant.data(), corners.size(), points.data());
+}
+
+CollisionMeshes FindCollisionMeshes(const mjModel* m) {
+  CollisionMeshes meshes(m->nmesh);
+  for (int geom = 0; geom < m->ngeom; geom++) {
+    const int mesh = m->geom_dataid[geom];
+    const bool used = m->geom_type[geom] == mjGEOM_MESH || m->geom_type[geom] == mjGEOM_SDF;
+    if (!used || mesh < 0 || meshes[mesh] || m->mesh_graphadr[mesh] < 0) continue;
+    const int* graph = m->mesh_graph + m->mesh_graphadr[mesh];
+    Key key;
+    key.Add(m->mesh_vert + 3 * m->mesh_vertadr[mesh], 3 * static_cast<size_t>(m->mesh_vertnum[mesh]));
+    key.Add(graph, 2 + 3 * static_cast<size_t>(graph[0]) + 6 * static_cast<size_t>(graph[1]));
+    meshes[mesh] = Shared<CollisionMesh>(key.text(), [&] { return std::make_unique<const CollisionMesh>(m, mesh); });
+  }
+  return meshes;
 }
 
 void Features::Add(const Vec3& p, int cluster) {
@@ -91,7 +108,7 @@ double Features::Radius(const mjModel* m, int geom) {
   return type == mjGEOM_SPHERE || type == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
 }
 
-Features::Features(const mjModel* m, const AllMeshFeatures& meshes, int geom) : radius(Radius(m, geom)) {
+Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) : radius(Radius(m, geom)) {
   const mjtNum* size = m->geom_size + 3 * geom;
   const int mesh = m->geom_plugin[geom] < 0 ? m->geom_dataid[geom] : -1;
   switch (m->geom_type[geom]) {
@@ -114,8 +131,8 @@ Features::Features(const mjModel* m, const AllMeshFeatures& meshes, int geom) : 
     case mjGEOM_MESH:
     case mjGEOM_SDF:
       if (mesh < 0 || !meshes[mesh]) break;
-      points = meshes[mesh]->points.data();
-      clusters = meshes[mesh]->clusters;
+      points = meshes[mesh]->features.points.data();
+      clusters = meshes[mesh]->features.clusters;
       return;
     default:
       break;

@@ -39,12 +39,24 @@ struct MeshFeatures {
   FeatureClusters clusters;
 };
 
-using AllMeshFeatures = std::vector<std::shared_ptr<const MeshFeatures>>;  // by mesh
+// What a mesh that geoms use collides as.
+struct CollisionMesh {
+  CollisionMesh(const mjModel* m, int mesh) : hull(m, mesh), features(hull) {}
+
+  Hull hull;
+  MeshFeatures features;
+};
+
+// By mesh; null where the model keeps no hull, because nothing collides with it.
+using CollisionMeshes = std::vector<std::shared_ptr<const CollisionMesh>>;
+
+// Those of the model, shared with whoever has the same.
+CollisionMeshes FindCollisionMeshes(const mjModel* m);
 
 // The features of one geom, by its size now; none for planes, height fields and SDF plugins.
 class Features {
  public:
-  Features(const mjModel* m, const AllMeshFeatures& meshes, int geom);
+  Features(const mjModel* m, const CollisionMeshes& meshes, int geom);
   Features(const Features&) = delete;
 
   // Of the balls around the points [m].

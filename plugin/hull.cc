@@ -52,10 +52,8 @@ double Farthest(const double* nx, const double* ny, const double* nz, const doub
 
 }  // namespace
 
-std::unique_ptr<const Hull> Hull::Create(const mjModel* m, int mesh) {
-  const int address = m->mesh_graphadr[mesh];
-  if (address < 0) return nullptr;
-  const int* graph = m->mesh_graph + address;
+Hull::Hull(const mjModel* m, int mesh) {
+  const int* graph = m->mesh_graph + m->mesh_graphadr[mesh];
   const int vertices = graph[0], faces = graph[1];
   const int* global = graph + 2 + vertices;
   const int* corners = global + vertices + vertices + 3 * faces;
@@ -71,7 +69,7 @@ std::unique_ptr<const Hull> Hull::Create(const mjModel* m, int mesh) {
   for (int f = 0; f < faces; f++) {
     triangles.push_back({local[corners[3 * f]], local[corners[3 * f + 1]], local[corners[3 * f + 2]]});
   }
-  return std::make_unique<const Hull>(std::move(positions), triangles);
+  *this = Hull(std::move(positions), triangles);
 }
 
 Hull::Hull(std::vector<Vec3> vertices, const std::vector<std::array<int, 3>>& faces) : vertices_(std::move(vertices)) {
@@ -219,16 +217,6 @@ double Hull::Distance(const Vec3& p, double reach, Vec3* normal) const {
   }
   *normal = {nx_[face], ny_[face], nz_[face]};
   return farthest;
-}
-
-std::vector<std::shared_ptr<const Hull>> CollisionHulls(const mjModel* m) {
-  std::vector<std::shared_ptr<const Hull>> hulls(m->nmesh);
-  for (int geom = 0; geom < m->ngeom; geom++) {
-    const int mesh = m->geom_dataid[geom];
-    const bool used = m->geom_type[geom] == mjGEOM_MESH || m->geom_type[geom] == mjGEOM_SDF;
-    if (used && mesh >= 0 && !hulls[mesh]) hulls[mesh] = Hull::Create(m, mesh);
-  }
-  return hulls;
 }
 
 }  // namespace mjframes

@@ -19,8 +19,8 @@ namespace mjframes {
 
 class Hull {
  public:
-  // The hull of mesh `mesh`; null where the model keeps none.
-  static std::unique_ptr<const Hull> Create(const mjModel* m, int mesh);
+  // The hull of mesh `mesh`, of which the model has to keep one.
+  Hull(const mjModel* m, int mesh);
 
   // Of these triangles, whose planes have all vertices on one side.
   Hull(std::vector<Vec3> vertices, const std::vector<std::array<int, 3>>& faces);
@@ -59,9 +59,6 @@ class Hull {
   std::vector<int> order_;                     // faces that are near each other side by side
   std::vector<Node> nodes_;                    // the whole hull first; none if it has few faces
 };
-
-// The hulls of the meshes that geoms use, by mesh; null where the model keeps none, because nothing collides with it.
-std::vector<std::shared_ptr<const Hull>> CollisionHulls(const mjModel* m);
 
 }  // namespace mjframes
 

@@ -20,8 +20,8 @@
 
 namespace mjframes {
 
-class SoftBody;
 struct Lattice;
+struct SoftModel;
 
 // Along the world's axes.
 struct AlignedBox {
@@ -56,13 +56,13 @@ struct PatchPose {
 // its geom's body and those that do not move; weights of others, rare and small, are left out and the rest scaled to
 // sum 1.
 struct PatchVolume {
-  static PatchVolume Create(const mjModel* m, const SoftBody& body, int patch);
+  static PatchVolume Create(const mjModel* m, const SoftModel& body, int patch);
 
   // x: where the control points are in the world, by control point [m].
   PatchPose Pose(const Lattice& lattice, const Vec3* x) const;
 
   // How far apart its vertices are, and whether it has material between them.
-  void SetCover(const SoftBody& body, int patch);
+  void SetCover(const SoftModel& body, int patch);
 
   // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
   bool Near(const Lattice& lattice, const Vec3& xi, double error) const;

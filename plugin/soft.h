@@ -22,8 +22,6 @@
 
 #include "contact.h"
 #include "corotational.h"
-#include "deformed.h"
-#include "distance.h"
 #include "factor.h"
 #include "geom_features.h"
 #include "kinematics.h"
@@ -33,6 +31,7 @@
 #include "patch_volume.h"
 #include "quadrature.h"
 #include "region_batch.h"
+#include "soft_model.h"
 
 namespace mjframes {
 
@@ -58,26 +57,25 @@ class SoftBody {
   // Number of the patch of a geom, −1 if it has none.
   int FindPatch(int geom) const;
   bool changes_inertia() const { return changes_inertia_; }
-  double contact_radius() const { return contact_radius_; }
+  double contact_radius() const { return model_->contact_radius; }
   // What small is to the body [m]: a cell of the lattice, if it has one.
-  double cell() const { return has_volume_ ? lattice_.spacing : contact_radius_; }
+  double cell() const { return has_volume() ? lattice().spacing : contact_radius(); }
   const Kinematics& kinematics() const { return kinematics_; }
-  const std::vector<Patch>& patches() const { return patches_; }
-  const std::vector<PatchVolume>& volumes() const { return volumes_; }
+  const std::vector<Patch>& patches() const { return model_->patches; }
+  const std::vector<PatchVolume>& volumes() const { return model_->volumes; }
   const std::vector<std::unique_ptr<PatchState>>& states() const { return states_; }
   // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
   // only.
-  bool has_volume() const { return has_volume_; }
-  const Lattice& lattice() const { return lattice_; }
-  const Hulls& hulls() const { return hulls_; }
-  const AllMeshFeatures& features() const { return features_; }
+  bool has_volume() const { return model_->has_volume; }
+  const Lattice& lattice() const { return model_->lattice; }
+  const CollisionMeshes& meshes() const { return meshes_; }
   // The region of this number in the configuration, which has to be there; not of a law at quadrature points.
   const Region& FindRegion(int number) const;
 
  private:
   SoftBody() = default;
 
-  void AssignMass();
+  void Start(const mjModel* m, int instance, Reader* reader);
   void ScaleMass(const mjModel* m);
   void AddElasticity();
   void AddDamping(double rate);
@@ -85,38 +83,25 @@ class SoftBody {
   static bool AnyAdds(const mjModel* m, const mjData* d);
   void StoreInertia(const mjModel* m, mjData* d);
 
-  bool implicit_ = true, changes_inertia_ = true;
+  std::shared_ptr<const SoftModel> model_;
+  bool changes_inertia_ = true;
   bool starts_inertia_ = false;            // first of the model's instances that change it
   std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
   bool last_ = false;                      // of all instances
   bool told_ = false;                      // what CheckOptions has to say
-  double alpha_ = 0, beta_ = 0;            // Rayleigh damping [1/s], [s]
-  double contact_radius_ = 0;              // [m]
-  Kinematics kinematics_;
-  std::vector<Region> regions_;               // of the law `corotational`, or with cells
-  std::vector<RegionBatch> batches_;          // the same, side by side
-  std::vector<QuadratureRegion> quadrature_;  // of another law at quadrature points
-  double enlargement_ = 1;                    // of its stiffness where d->M cannot hold all of it [-]
-  std::vector<Patch> patches_;
-  bool has_volume_ = false;
-  std::vector<PatchVolume> volumes_;                 // by patch
-  std::vector<std::unique_ptr<PatchState>> states_;  // by patch
-  Lattice lattice_;
-  Hulls hulls_;               // of the scene's meshes
-  AllMeshFeatures features_;  // of these
-  std::vector<double> mass_;  // of each pair of points, with the model's masses of today [kg]
-  bool has_difference_ = false;
-  std::vector<double> built_mass_, built_difference_;  // both with the masses that the body was built with
-  std::vector<double> mass_scale_;                     // of each point, √ of its body's mass to the built one [-]
-  std::vector<double> mass_difference_;  // how much of it MuJoCo does not know of: consistent minus lumped mass [kg]
+  CollisionMeshes meshes_;                 // of the scene
 
   // of this step; one SoftBody belongs to one mjData
-  std::vector<Vec3> force_;         // on the control points
-  std::vector<Vec3> moved_;         // rate times the velocities without their mean, see AddDamping [m]
-  std::vector<Vec3> velocity_;      // of the control points in the world, for sensors
-  std::vector<double> stiffness_;   // K, 3×3 row-major block a pair
+  Kinematics kinematics_;
+  std::vector<std::unique_ptr<PatchState>> states_;  // by patch
+  std::vector<Vec3> force_;                          // on the control points
+  std::vector<Vec3> moved_;                          // rate times the velocities without their mean, see AddDamping [m]
+  std::vector<Vec3> velocity_;                       // of the control points in the world, for sensors
+  std::vector<double> stiffness_;                    // K, 3×3 row-major block a pair
   std::vector<double> held_;        // K enlarged for d->M, which cannot hold all of it; empty where it can
-  std::vector<double> added_mass_;  // of each pair: h α m + mass difference
+  std::vector<double> mass_scale_;  // of each point, √ of its body's mass to the one that it was built with [-]
+  std::vector<double> mass_, mass_difference_;  // those of the model, with the masses of today [kg]
+  std::vector<double> added_mass_;              // of each pair: h α m + mass difference
   std::unique_ptr<BatchScratch> batch_scratch_;
   std::unique_ptr<QuadratureScratch> quadrature_scratch_;
   std::unique_ptr<ContactScratch> contact_scratch_;

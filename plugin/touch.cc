@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "deformed.h"
+#include "distance.h"
 #include "patch_state.h"
 #include "placed.h"
 #include "pressure.h"
@@ -216,7 +217,7 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
   const SoftBody& body = *side[s].body;
   const double reach = std::max(0.0, margin) + (1 + kBlend) * body.contact_radius();
-  const GeomQuery query(m, d, body.hulls(), rigid, reach);
+  const GeomQuery query(m, d, body.meshes(), rigid, reach);
   if (!query.valid) return 0;
   const double ball = Features::Radius(m, rigid);
   const Placed soft = Place(body, side[s].patch, d, room + body.contact_radius() + ball);
@@ -224,7 +225,7 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   if (!body.has_volume() || !(query.LowerBound(soft.pose.box) > reach)) {
     const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
     if (body.has_volume()) {
-      count += FeatureTouches(m, d, rigid, soft, Features(m, body.features(), rigid), margin, out + count);
+      count += FeatureTouches(m, d, rigid, soft, Features(m, body.meshes(), rigid), margin, out + count);
     }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {

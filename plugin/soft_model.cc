@@ -1,0 +1,389 @@
+#include "soft_model.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <optional>
+#include <string>
+
+#include "patch_field.h"
+#include "shared.h"
+
+namespace mjframes {
+namespace {
+
+constexpr char kVersion[] = "3";  // of the configuration; a model written by another version is refused
+
+// The control points of each region, and the pairs that their blocks belong to.
+struct Coupling {
+  std::vector<int32_t> point;  // ancestors first  (m)
+  std::vector<int32_t> pair;   // (j, k ≤ j)       (m(m+1)/2)
+};
+
+std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>* mass_difference, Reader* reader) {
+  const auto size = reader->Array<int32_t>("region_size");
+  const auto point = reader->Array<int32_t>("region_point");
+  std::vector<double> difference;
+  if (reader->Has("region_mass")) difference = reader->Array<double>("region_mass");
+  const int points = static_cast<int>(kinematics->points().size());
+  size_t p = 0, block = 0;
+  std::vector<Coupling> couplings;
+  for (const int32_t m : size) {
+    if (!reader->Check(m > 0 && p + m <= point.size(), "its region arrays do not match each other")) return {};
+    Coupling coupling;
+    coupling.point.assign(point.begin() + p, point.begin() + p + m);
+    for (int j = 0; j < m; j++) {
+      if (!reader->Check(coupling.point[j] >= 0 && coupling.point[j] < points,
+                         "a region's control points are not those of the body")) {
+        return {};
+      }
+      for (int k = 0; k <= j; k++) {
+        int pair = -1;
+        if (!reader->Check(kinematics->Couple(coupling.point[j], coupling.point[k], &pair),
+                           "a region's control points are not on one path of the tree")) {
+          return {};
+        }
+        coupling.pair.push_back(pair);
+        mass_difference->resize(kinematics->pairs().size(), 0.0);
+        if (difference.empty()) continue;
+        if (!reader->Check(block < difference.size(), "region_mass has too few values")) return {};
+        (*mass_difference)[pair] += difference[block++];
+      }
+    }
+    p += m;
+    couplings.push_back(std::move(coupling));
+  }
+  reader->Check(!couplings.empty(), "it has no regions");
+  return couplings;
+}
+
+// What regions with a second choice of gradients need to know of the body's frames.
+struct FrameGradients {
+  std::vector<int32_t> size;   // control points of each frame
+  std::vector<int32_t> frame;  // of each control point         (k)
+  std::vector<Vec3> own;       // g°_j [1/m]                     (k)
+};
+
+std::vector<Vec3> Vectors(const std::vector<double>& values, size_t first, size_t count) {
+  std::vector<Vec3> vectors(count);
+  for (size_t e = 0; e < 3 * count; e++) vectors[e / 3][e % 3] = values[3 * first + e];
+  return vectors;
+}
+
+FrameGradients ReadFrameGradients(size_t points, Reader* reader) {
+  constexpr char kMismatch[] = "its frame arrays do not match its control points";
+  FrameGradients frames;
+  frames.size = reader->Array<int32_t>("frame_size");
+  const auto own = reader->Array<double>("frame_gradient");
+  for (size_t i = 0; i < frames.size.size(); i++) {
+    const size_t size = std::max(frames.size[i], 0);
+    if (!reader->Check(size > 0 && frames.frame.size() + size <= points, kMismatch)) return {};
+    frames.frame.insert(frames.frame.end(), size, static_cast<int32_t>(i));
+  }
+  if (!reader->Check(frames.frame.size() == points && own.size() == 3 * points, kMismatch)) return {};
+  frames.own = Vectors(own, 0, points);
+  return frames;
+}
+
+// ĝ of a region, none where that is zero, with its frames' own gradients.
+void AddFallback(const FrameGradients& frames, const std::vector<Vec3>& fallback, Region* region, Reader* reader) {
+  if (std::all_of(fallback.begin(), fallback.end(), [](const Vec3& g) { return g == Vec3{}; })) return;
+  region->fallback = fallback;
+  region->shows -= frames.size[frames.frame[region->point.back()]];
+  for (int j = 0; j < region->size();) {
+    const int32_t frame = frames.frame[region->point[j]];
+    const int end = j + frames.size[frame];
+    bool whole = end <= region->size(), turns = false;
+    for (; whole && j < end; j++) {
+      whole = frames.frame[region->point[j]] == frame;
+      region->own.push_back(frames.own[region->point[j]]);
+      turns = turns || region->own.back() != Vec3{};
+    }
+    if (!reader->Check(whole, "a region has not all control points of a frame")) return;
+    if (turns) region->frame_end.push_back(end);
+  }
+}
+
+// The cells of a hyperelastic law, added to the regions.
+void ReadCells(Law law, std::vector<Region>* regions, Reader* reader) {
+  constexpr char kMismatch[] = "its cell arrays do not match each other";
+  const auto constants = reader->Array<double>("law_constants");
+  const auto count = reader->Array<int32_t>("cell_count");
+  const auto volume = reader->Array<double>("cell_volume");
+  const auto material = reader->Array<int32_t>("cell_material");
+  const auto slope = reader->Array<double>("cell_slope");
+  if (!reader->Check(count.size() == regions->size() && material.size() == volume.size(), kMismatch)) return;
+  size_t first = 0, s = 0;
+  for (size_t e = 0; e < count.size(); e++) {
+    Region& region = (*regions)[e];
+    const size_t length = 27 * static_cast<size_t>(region.size());
+    region.law = law;
+    for (int q = 0; q < count[e]; q++, first++, s += length) {
+      if (!reader->Check(first < volume.size() && s + length <= slope.size(), kMismatch)) return;
+      const size_t at = kLawConstants * static_cast<size_t>(std::max(material[first], 0));
+      if (!reader->Check(material[first] >= 0 && at + kLawConstants <= constants.size(), "a cell has no material")) {
+        return;
+      }
+      region.cells.push_back(
+          {volume[first], ParametersOf(law, constants.data() + at), {slope.begin() + s, slope.begin() + s + length}});
+    }
+  }
+}
+
+// Of one frame each, or of the law `corotational`.
+std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const std::vector<ControlPoint>& points,
+                                Reader* reader) {
+  const auto gradient = reader->Array<double>("region_gradient");
+  const auto stiffness = reader->Array<double>("region_stiffness");
+  const auto enlargement = reader->ArrayOr<double>("region_enlargement", 1, couplings.size());
+  std::vector<double> fallback;
+  FrameGradients frames;
+  if (reader->Has("region_fallback")) {
+    fallback = reader->Array<double>("region_fallback");
+    frames = ReadFrameGradients(points.size(), reader);
+    reader->Check(fallback.size() == gradient.size(), "its region arrays do not match each other");
+  }
+  if (!reader->ok()) return {};
+  size_t p = 0, s = 0;
+  std::vector<Region> regions;
+  for (const Coupling& coupling : couplings) {
+    const int m = static_cast<int>(coupling.point.size());
+    const size_t n = 3 * static_cast<size_t>(m);
+    if (!reader->Check(3 * (p + m) <= gradient.size() && s + n * (n + 1) / 2 <= stiffness.size(),
+                       "its region arrays do not match each other")) {
+      return {};
+    }
+    Region region;
+    region.law = {};
+    region.number = static_cast<int>(regions.size());
+    region.point = coupling.point;
+    region.pair = coupling.pair;
+    region.enlargement = enlargement[regions.size()];
+    Vec3 mean{};
+    for (const int32_t j : region.point) mean = mean + (1.0 / m) * points[j].rest;
+    region.gradient = Vectors(gradient, p, m);
+    region.shows = m;
+    if (!fallback.empty()) AddFallback(frames, Vectors(fallback, p, m), &region, reader);
+    if (!reader->ok()) return {};
+    for (int j = 0; j < m; j++) region.rest.push_back(points[region.point[j]].rest - mean);
+    region.stiffness.resize(n * n);
+    for (size_t row = 0; row < n; row++) {
+      for (size_t col = 0; col <= row; col++) {
+        region.stiffness[row * n + col] = region.stiffness[col * n + row] = stiffness[s++];
+      }
+    }
+    p += m;
+    regions.push_back(std::move(region));
+  }
+  return regions;
+}
+
+// The other laws, at quadrature points.
+std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& couplings, Law law, Reader* reader) {
+  const auto constants = reader->Array<double>("law_constants");
+  const auto count = reader->Array<int32_t>("quadrature_count");
+  const auto volume = reader->Array<double>("quadrature_volume");
+  const auto material = reader->Array<int32_t>("quadrature_material");
+  const auto gradient = reader->Array<double>("quadrature_gradient");
+  if (!reader->Check(
+          count.size() == couplings.size() && material.size() == volume.size() && constants.size() % kLawConstants == 0,
+          "its quadrature arrays do not match each other")) {
+    return {};
+  }
+  size_t first = 0, g = 0;
+  std::vector<QuadratureRegion> regions;
+  for (size_t e = 0; e < couplings.size(); e++) {
+    const size_t q = std::max(count[e], 0), length = 3 * q * couplings[e].point.size();
+    if (!reader->Check(q > 0 && first + q <= volume.size() && g + length <= gradient.size(),
+                       "its quadrature arrays do not match each other")) {
+      return {};
+    }
+    std::vector<LawParameters> parameters;
+    for (size_t i = first; i < first + q; i++) {
+      const size_t at = kLawConstants * static_cast<size_t>(std::max(material[i], 0));
+      if (!reader->Check(material[i] >= 0 && at < constants.size(), "a quadrature point has no material")) return {};
+      parameters.push_back(ParametersOf(law, constants.data() + at));
+    }
+    regions.emplace_back(law, couplings[e].point, gradient.data() + g, volume.data() + first, parameters.data(),
+                         static_cast<int>(q), couplings[e].pair);
+    first += q;
+    g += length;
+  }
+  return regions;
+}
+
+std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points,
+                               Reader* reader) {
+  std::vector<Patch> patches;
+  for (int geom = 0; geom < m->ngeom; geom++) {
+    if (SoftInstanceOf(m, geom) == instance) patches.push_back({geom, 0, {}, {}, {}, {}});
+  }
+  if (patches.empty()) {
+    reader->Check(!reader->Has("patch_size"), "its patch geoms are not there: build it again");
+    return patches;
+  }
+  const auto size = reader->Array<int32_t>("patch_size");
+  const auto clusters = reader->Array<int32_t>("patch_clusters");
+  const auto cluster_size = reader->Array<int32_t>("patch_cluster_size");
+  const auto point = reader->Array<int32_t>("patch_point");
+  const auto weight = reader->Array<double>("patch_weight");
+  std::vector<double> offset;
+  if (reader->Has("patch_offset")) offset = reader->Array<double>("patch_offset");
+  if (!reader->Check(size.size() == patches.size() && clusters.size() == patches.size(),
+                     "its patch geoms do not match its patches")) {
+    return {};
+  }
+  size_t p = 0, w = 0, c = 0, o = 0;
+  for (size_t i = 0; i < patches.size(); i++) {
+    Patch& patch = patches[i];
+    const size_t count = std::max(size[i], 0), groups = std::max(clusters[i], 0);
+    if (!reader->Check(groups > 0 && groups <= kMaxClusters && c + groups <= cluster_size.size(),
+                       "its patch arrays do not match each other")) {
+      return {};
+    }
+    patch.cluster.assign(cluster_size.begin() + c, cluster_size.begin() + c + groups);
+    size_t n = 0;
+    for (const int32_t vertices : patch.cluster) {
+      if (!reader->Check(vertices > 0 && vertices <= kMaxPatchVertices, "a cluster of a patch has no valid size")) {
+        return {};
+      }
+      n += vertices;
+    }
+    if (!reader->Check(
+            count > 0 && n <= kMaxPatchVertices && p + count <= point.size() && w + count * n <= weight.size(),
+            "its patch arrays do not match each other")) {
+      return {};
+    }
+    patch.vertices = static_cast<int>(n);
+    patch.point.assign(point.begin() + p, point.begin() + p + count);
+    patch.weight.assign(weight.begin() + w, weight.begin() + w + count * n);
+    bool owned = false;
+    for (const int32_t j : patch.point) {
+      if (!reader->Check(j >= 0 && j < static_cast<int>(points.size()),
+                         "a patch's control points are not those of the body")) {
+        return {};
+      }
+      owned = owned || points[j].body == m->geom_bodyid[patch.geom];
+    }
+    if (!reader->Check(owned, "a patch is not on the body of one of its control points")) return {};
+    if (!offset.empty()) {
+      if (!reader->Check(o + 3 * n <= offset.size(), "patch_offset has too few values")) return {};
+      patch.offset.assign(offset.begin() + o, offset.begin() + o + 3 * n);
+    }
+    p += count;
+    w += count * n;
+    c += groups;
+    o += 3 * n;
+  }
+  return patches;
+}
+
+Lattice ReadLattice(int points, const std::vector<Patch>& patches, Reader* reader) {
+  Lattice lattice;
+  lattice.spacing = reader->Number("lattice_spacing");
+  lattice.axes = reader->Array<double>("lattice_axes");
+  lattice.origin = reader->Array<double>("lattice_origin");
+  lattice.shape = reader->Array<int32_t>("lattice_shape");
+  lattice.node = reader->Array<int32_t>("lattice_node");
+  lattice.distance = reader->Array<double>("lattice_distance");
+  lattice.patch = reader->Array<int32_t>("lattice_patch");
+  lattice.count = reader->Array<int32_t>("lattice_count");
+  lattice.point = reader->Array<int32_t>("lattice_point");
+  lattice.weight = reader->Array<double>("lattice_weight");
+  lattice.vertex = reader->Array<double>("lattice_sphere");
+  int vertices = 0;
+  for (const Patch& patch : patches) vertices += patch.vertices;
+  if (!reader->ok()) return {};
+  const std::string wrong = lattice.Finish(points, static_cast<int>(patches.size()), vertices);
+  if (!wrong.empty()) reader->Fail(wrong);
+  return lattice;
+}
+
+}  // namespace
+
+bool ChangesInertia(const mjModel* m, int instance) {
+  const Reader reader(m, instance);
+  return std::strcmp(reader.Text("mode"), "explicit") != 0 || reader.Has("region_mass");
+}
+
+// Every point is a pair with itself that carries its mass.
+void SoftModel::AssignMass() {
+  const size_t points = kinematics.points().size();
+  std::vector<int> own(points);
+  for (size_t j = 0; j < points; j++) kinematics.Couple(static_cast<int>(j), static_cast<int>(j), &own[j]);
+  mass_difference.resize(kinematics.pairs().size(), 0.0);
+  has_difference = std::any_of(mass_difference.begin(), mass_difference.end(), [](double m) { return m != 0; });
+  mass = mass_difference;
+  for (size_t j = 0; j < points; j++) mass[own[j]] += kinematics.points()[j].mass;
+}
+
+std::unique_ptr<const SoftModel> SoftModel::Read(const mjModel* m, int instance, Reader* reader) {
+  auto model = std::make_unique<SoftModel>();
+  if (std::strcmp(reader->Text("version"), kVersion) != 0) {
+    reader->Fail(std::string("its data has version '") + reader->Text("version") + "', this plugin reads version " +
+                 kVersion + ": build it again with the mjframes that is installed");
+  }
+  const std::optional<Law> law = LawOfName(reader->Text("law"));
+  reader->Check(law || std::strcmp(reader->Text("law"), "corotational") == 0,
+                "law has to be 'corotational', 'green_lagrange', 'neo_hookean', 'mooney_rivlin' or 'arruda_boyce'");
+  model->implicit = std::strcmp(reader->Text("mode"), "explicit") != 0;
+  reader->Check(!model->implicit || std::strcmp(reader->Text("mode"), "implicit") == 0,
+                "mode has to be 'implicit' or 'explicit'");
+  if (reader->ok()) {
+    model->alpha = reader->Number("alpha");
+    model->beta = reader->Number("beta");
+  }
+  if (reader->ok()) model->kinematics.Create(m, instance, reader);
+  std::vector<Coupling> couplings;
+  if (reader->ok()) couplings = ReadCouplings(&model->kinematics, &model->mass_difference, reader);
+  const bool at_points = law && !reader->Has("cell_count");
+  if (reader->ok() && at_points) model->quadrature = ReadQuadrature(couplings, *law, reader);
+  if (reader->ok() && !at_points) model->regions = ReadRegions(couplings, model->kinematics.points(), reader);
+  if (reader->ok() && law && !at_points) ReadCells(*law, &model->regions, reader);
+  if (reader->ok()) model->AssignMass();
+  if (reader->ok()) model->kinematics.Finish(m, reader);
+  const std::vector<ControlPoint>& points = model->kinematics.points();
+  if (reader->ok()) model->patches = ReadPatches(m, instance, points, reader);
+  const int patches = static_cast<int>(model->patches.size());
+  if (reader->ok() && patches > 0) {
+    model->contact_radius = reader->Number("contact_radius");
+    model->volumes.resize(patches);
+    model->has_volume = reader->Has("lattice_spacing");
+    if (model->has_volume) model->lattice = ReadLattice(static_cast<int>(points.size()), model->patches, reader);
+    for (int i = 0; reader->ok() && i < patches; i++) {
+      if (model->has_volume) model->volumes[i] = PatchVolume::Create(m, *model, i);
+      model->volumes[i].SetCover(*model, i);
+    }
+  }
+  if (reader->ok() && at_points && reader->Has("region_enlargement")) {
+    model->enlarges = true;
+    for (const double value : reader->Array<double>("region_enlargement")) {
+      model->enlargement = std::max(model->enlargement, value);
+    }
+  }
+  if (!reader->ok()) return nullptr;
+  for (const Region& region : model->regions) model->enlarges = model->enlarges || region.enlargement != 1;
+  model->batches = BatchesOf(model->regions);
+  return model;
+}
+
+// All that Read and the kinematics look at.
+std::shared_ptr<const SoftModel> SoftModel::Find(const mjModel* m, int instance, Reader* reader) {
+  Key key;
+  const int first = m->plugin_attradr[instance], joints = m->njnt, bodies = m->nbody;
+  int end = m->npluginattr;
+  for (int other = 0; other < m->nplugin; other++) {
+    if (m->plugin_attradr[other] > first) end = std::min(end, m->plugin_attradr[other]);
+  }
+  key.Add(m->plugin_attr + first, end - first).Add(&instance, 1).Add(m->plugin, m->nplugin);
+  key.Add(m->body_plugin, bodies).Add(m->body_parentid, bodies).Add(m->body_treeid, bodies);
+  key.Add(m->body_jntnum, bodies).Add(m->body_jntadr, bodies).Add(m->body_dofnum, bodies).Add(m->body_dofadr, bodies);
+  key.Add(m->body_quat, 4 * static_cast<size_t>(bodies));
+  key.Add(m->jnt_type, joints).Add(m->jnt_bodyid, joints).Add(m->jnt_axis, 3 * static_cast<size_t>(joints));
+  key.Add(m->geom_plugin, m->ngeom).Add(m->geom_bodyid, m->ngeom);
+  key.Add(m->actuator_trntype, m->nactuator).Add(m->actuator_trnid, 2 * static_cast<size_t>(m->nactuator));
+  key.Add(&m->ntendon, 1).Add(m->M_rownnz, m->nv).Add(m->M_rowadr, m->nv).Add(m->M_colind, m->nM);
+  return Shared<SoftModel>(key.text(), [&] { return Read(m, instance, reader); });
+}
+
+}  // namespace mjframes
