@@ -22,6 +22,8 @@ from mjframes.laws import LawParameters, law_of_constants
 from mjframes.material_points import MaterialPoints, material_points
 from mjframes.mechanics import CorotationalRegion, Fallback, LawCell
 
+SAME_MASS = 1e-4  # [-] as in plugin/soft.cc: the model's masses have six digits
+
 
 @dataclass(frozen=True, eq=False)
 class Soft:
@@ -118,23 +120,39 @@ class Soft:
     def _points(self) -> list[np.ndarray]:
         return np.split(decode(self.configuration["region_point"]).astype(int), self._ends)
 
-    @cached_property
+    @property
     def mass_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Consistent minus lumped mass: of each region its control points (m,) and (m, m) [kg]; none if lumped."""
+        scale = self._mass_scale
+        return [(points, scale[points] * scale[points, None] * built) for points, built in self._built_difference]
+
+    @cached_property
+    def _built_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
         if "region_mass" not in self.configuration:
             return []
         matrices = triangles(decode(self.configuration["region_mass"]), self._sizes)
         return list(zip(self._points, matrices, strict=True))
+
+    @property
+    def _mass_scale(self) -> np.ndarray:
+        """(k,) √ of the mass of each point's body in the model, to that it was built with [-]; as in plugin/soft.cc."""
+        built = np.bincount(self.bodies, self._built_mass)[self.bodies]
+        ratio = self.model.body_mass[self.bodies] / built
+        return np.sqrt(np.where(abs(ratio - 1) > SAME_MASS, ratio, 1))
+
+    @cached_property
+    def _built_mass(self) -> np.ndarray:
+        return decode(self.configuration["point_mass"])
 
     @cached_property
     def offset(self) -> np.ndarray:
         """(k, 3) of each control point in its body's axes [m]."""
         return self._array("point_offset", 3 * len(self.bodies)).reshape(-1, 3)
 
-    @cached_property
+    @property
     def mass(self) -> np.ndarray:
         """(k,) [kg]"""
-        return decode(self.configuration["point_mass"])
+        return self._mass_scale**2 * self._built_mass
 
     @property
     def control_positions(self) -> np.ndarray:
