@@ -10,6 +10,7 @@
 #include "options.h"
 #include "patch_field.h"
 #include "reader.h"
+#include "touch.h"
 
 namespace mjframes {
 namespace {
@@ -230,12 +231,22 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
 }
 
 void SoftBody::CheckOptions(const mjModel* m, const mjData* d) {
-  for (int instance = 0; last_ && !told_ && instance < m->nplugin; instance++) {
+  bool touches = false;
+  for (int instance = 0; last_ && instance < m->nplugin; instance++) {
     const SoftBody* body = GetSoftBody(m, d, instance);
-    const char* wrong = body ? WrongOption(m, body->model_->implicit, body->changes_inertia_) : nullptr;
+    if (!body) continue;
+    touches = touches || !body->patches().empty();
+    const char* wrong = told_ ? nullptr : WrongOption(m, body->model_->implicit, body->changes_inertia_);
     if (!wrong) continue;
     mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], wrong);
     told_ = true;
+  }
+  if (touches && m->opt.sdf_initpoints < kMaxTouches && !told_few_) {
+    mju_warning(
+        "mjframes: option sdf_initpoints is %d, and MuJoCo gives a patch of a soft body no more contacts with a "
+        "geom: leave it at 40, or at %d at least.",
+        m->opt.sdf_initpoints, kMaxTouches);
+    told_few_ = true;
   }
 }
 

@@ -88,7 +88,7 @@ class SoftBody {
   bool starts_inertia_ = false;            // first of the model's instances that change it
   std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
   bool last_ = false;                      // of all instances
-  bool told_ = false;                      // what CheckOptions has to say
+  bool told_ = false, told_few_ = false;   // what CheckOptions has to say
   CollisionMeshes meshes_;                 // of the scene
 
   // of this step; one SoftBody belongs to one mjData
