@@ -52,7 +52,7 @@ RAW = LABELS.astype("<u2").tobytes(order="F")
         (b"#" * 7 + RAW, {"ElementDataFile": "v.raw", "HeaderSize": "7"}),
         (b"#" * 7 + RAW, {"ElementDataFile": "v.raw", "HeaderSize": "-1"}),
         (zlib.compress(RAW), {"CompressedData": "True"}),
-        (gzip.compress(RAW), {"CompressedData": "True", "CompressedDataSize": str(len(gzip.compress(RAW)))}),
+        (gzip.compress(RAW, mtime=0), {"CompressedData": "True", "CompressedDataSize": str(len(gzip.compress(RAW)))}),
         (LABELS.astype(">u2").tobytes(order="F"), {"BinaryDataByteOrderMSB": "True"}),
         (LABELS.astype("<f4").tobytes(order="F"), {"ElementType": "MET_FLOAT"}),
     ],
