@@ -12,6 +12,8 @@ VENV4 := .venv-mujoco4
 MUJOCO := 3.17.0
 MUJOCO4 := 4.0.0
 
+# A process a core, and a file's tests in one of them.
+PYTEST_PARALLEL := -n auto --dist loadfile
 PIP_INSTALL := -m pip install -q --disable-pip-version-check
 # The way MuJoCo draws without a display: MUJOCO_GL if it is set, else the first that works.
 define draw
@@ -24,10 +26,10 @@ demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
 
 test: $(VENV)/installed
-	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q
+	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q $(PYTEST_PARALLEL)
 
 test-mujoco4: $(VENV4)/installed
-	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q -m "not dm_control"
+	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q $(PYTEST_PARALLEL) -m "not dm_control"
 
 bench: $(VENV)/installed
 	$(VENV)/bin/mjframes bench
