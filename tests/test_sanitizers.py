@@ -28,7 +28,7 @@ SCENE = """
   <worldbody>
     <geom type="plane" size="1 1 .1"/>
     <flexcomp name="cloth" type="grid" dim="2" count="5 5 1" spacing=".03 .03 .03" pos="0 0 .075"
-      mass=".05" radius=".001"/>
+      mass=".05" radius=".001"><edge equality="true"/></flexcomp>
     <geom type="cylinder" size=".02 .1" pos="0 0 .02" euler="90 0 0"/>
     <body pos="0 0 .08"><freejoint/><geom type="ellipsoid" size=".03 .02 .01"/></body>
     <body pos=".05 0 .1"><freejoint/><geom type="box" size=".02 .02 .01"/></body>
