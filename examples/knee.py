@@ -46,7 +46,7 @@ class Knee:
 
     def bodies(self, frame: int) -> NDArray[np.int64]:
         """MuJoCo's bodies that carry the control points of a frame."""
-        return np.array([self.model.body(f"knee_{j}").id for j in np.flatnonzero(self.body.control.frame == frame)])
+        return np.array([self.model.body(f"knee:{j}").id for j in np.flatnonzero(self.body.control.frame == frame)])
 
     @property
     def extension(self) -> float:

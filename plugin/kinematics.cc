@@ -74,6 +74,7 @@ void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
       points_[j] = {body, -1, branch[j], false, Dot(at, at) > 0, at, Position(rest.data() + 3 * j), mass[j], 0};
       total += mass[j];
     }
+    if (!reader->Check(total > 0, "the masses of its control points have to be positive")) return;
     for (int i = 1; i <= carried[carrier]; i++) points_[order[next - i]].carried = total;
     carrier++;
   }

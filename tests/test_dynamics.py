@@ -158,7 +158,7 @@ def _held(body: SoftBody, points: np.ndarray) -> tuple[mujoco.MjModel, mujoco.Mj
     attach(spec.worldbody, body, "soft0", contact=False)
     for j in points:
         held = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY)
-        held.name1, held.name2 = "soft0" if j == 0 else f"soft0_{j}", "world"
+        held.name1, held.name2 = "soft0" if j == 0 else f"soft0:{j}", "world"
         held.data[:3] = 0
         held.solimp[:2] = 0.9999
     model = spec.compile()

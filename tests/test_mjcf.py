@@ -354,11 +354,11 @@ DAMAGED = {
         encode(np.zeros(20, int)),
         "its bodies do not match its control points",
     ),
-    "other masses": (
+    "no masses": (
         "point_mass",
         r"[^\"]*",
-        encode(np.ones(20)),
-        "its bodies do not match its control points",
+        encode(np.zeros(20)),
+        "the masses of its control points have to be positive",
     ),
     "more points": (
         "point_rest",
