@@ -24,15 +24,13 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     before = data.M.copy()
     mujoco.mj_makeM(model, data)
     inertia = np.zeros((model.nv, model.nv))
-    rows = np.repeat(np.arange(model.nv), model.M_rownnz)
-    inertia[rows, model.M_colind] = inertia[model.M_colind, rows] = data.M
+    mujoco.mj_fullM(model, data, inertia)
     data.M[:] = before
     for name in view.soft_names(model):
         body = view.soft(model, data, name)
-        if not body.mass_difference:
-            continue
-        jacobian = _jacobian(model, data, body)
-        for points, difference in body.mass_difference:
+        differences = body.mass_difference
+        jacobian = _jacobian(model, data, body) if differences else np.zeros(0)
+        for points, difference in differences:
             some = jacobian[points].reshape(len(points), -1)
             inertia += np.einsum("jra,jrb->ab", jacobian[points], (difference @ some).reshape(jacobian[points].shape))
     return inertia

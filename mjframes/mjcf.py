@@ -70,8 +70,8 @@ def attach(
     prefix, local = name[0], name[1:]
     own = mujoco.MjSpec()
     own.activate_plugin(plugin.NAME)
-    instance = own.add_plugin(name=local or SEPARATOR, plugin_name=plugin.NAME, active=True)
-    inner = own.worldbody.add_body(name=local or SEPARATOR)
+    instance = own.add_plugin(name=instance_name(name)[1:], plugin_name=plugin.NAME, active=True)
+    inner = own.worldbody.add_body(name=instance.name)
     bodies = _add_bodies(inner, carried, place.bodies, name)
     rank = _ranks(bodies, place)
     patches = _patches(body, carried, rank) if contact else []
@@ -200,7 +200,7 @@ def _add_bodies(
                 child.add_joint(name=f"{own}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         if carrier.joints == "free":
             child.add_joint(name=f"{own}_ball", type=mujoco.mjtJoint.mjJNT_BALL)
-        _use_plugin(child, instance_name(name) if link else name[1:] or SEPARATOR)
+        _use_plugin(child, instance_name(name)[0 if link else 1 :])
         bodies.append(child)
     return bodies
 
@@ -256,9 +256,8 @@ def _add_patches(
 ) -> None:
     half = printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    own.add_mesh(
-        name=f"{name[1:]}{SEPARATOR}bounds", uservert=corners.ravel(), octree_maxdepth=1
-    )  # its distance is not used
+    # its distance is not used
+    own.add_mesh(name=f"{name[1:]}{SEPARATOR}bounds", uservert=corners.ravel(), octree_maxdepth=1)
     own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()
     for number, spheres in enumerate(patches):

@@ -124,6 +124,8 @@ class Soft:
     def mass_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Consistent minus lumped mass: of each region its control points (m,) and (m, m) [kg]; none if lumped."""
         scale = self._mass_scale
+        if (scale == 1).all():
+            return self._built_difference
         return [(points, scale[points] * scale[points, None] * built) for points, built in self._built_difference]
 
     @cached_property

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mjframes.errors import MjframesError
 from mjframes.finite_elements import kernels
-from mjframes.finite_elements.cycle import Workspace, precondition
+from mjframes.finite_elements.batch import Batch
+from mjframes.finite_elements.cycle import precondition
 from mjframes.finite_elements.levels import Levels
 from mjframes.finite_elements.matrices import Floats, Lanes
 
@@ -24,34 +25,29 @@ MOST_STEPS = 400  # several times what any body has needed
 Array = NDArray[np.float64]
 
 
-def solve(
-    levels: Levels,
-    work: Workspace,
-    r: Floats,
-    x: Floats,
-    p: Floats,
-    tolerance: float,
-    energy: Callable[[Floats], Array] | None = None,
-) -> int:
-    """Solve A x = r and return the number of steps. Vectors are flat (N, 3, k).
+def solve(levels: Levels, batch: Batch, tolerance: float, energy: Callable[[Floats], Array] | None = None) -> int:
+    """Solve A x = r for the solution x of a batch, and return the number of steps.
 
-    r: the right-hand side, in the end the residual.  x: the result.  p: M r, in the end the last direction.
+    batch: its residual r is the right-hand side, and in the end what is left of it; its direction is overwritten.
     tolerance: on the error of each column in the energy norm, to the norm of the result or to the square root of
     `energy` (k,) at x.
     Raise MjframesError where that takes too many steps.
     """
-    lanes, q = work.lanes, work.d[0]
+    lanes, q = batch.lanes, batch.d[0]
+    r, x, p = batch.residual, batch.solution, batch.direction
     x[:] = 0
+    batch.r[0][:] = r
+    p[:] = precondition(levels, batch)
     gained, squares = np.zeros(len(lanes)), _products(r, p, lanes)
     lengths: list[Array] = []
     turns: list[Array] = []
     while len(lengths) < MOST_STEPS:
         q[:] = 0
-        levels.finest.subtract(p, q, work.scratch[0], lanes)
+        levels.finest.subtract(p, q, batch.scratch[0], lanes)
         alpha = _quotient(squares, -_products(p, q, lanes))
         gained += alpha * squares
-        kernels.advance(alpha.astype(x.dtype), p, q, x, r, work.r[0], lanes)
-        z = precondition(levels, work)
+        kernels.advance(alpha.astype(x.dtype), p, q, x, r, batch.r[0], lanes)
+        z = precondition(levels, batch)
         before, squares = squares, _products(r, z, lanes)
         beta = _quotient(squares, before)
         lengths.append(alpha)

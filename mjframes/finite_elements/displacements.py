@@ -9,7 +9,6 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.finite_elements import conjugate
 from mjframes.finite_elements.batch import Batch, Progress, in_rounds, multiply, reporter
-from mjframes.finite_elements.cycle import precondition
 from mjframes.finite_elements.solver import BodySolver
 
 TOLERANCE = 0.02  # [-] in the energy norm
@@ -38,9 +37,7 @@ def displacements(
         values = np.zeros((n, 3, k), levels.dtype)
         values[:, :, : some.stop - some.start] = forces[:, :, some]
         multiply(to_nodes, values, batch.residual)
-        batch.r[0][:] = batch.residual
-        batch.direction[:] = precondition(levels, batch)
-        conjugate.solve(levels, batch, batch.residual, batch.solution, batch.direction, tolerance)
+        conjugate.solve(levels, batch, tolerance)
         if not solver.held:
             solver.remove_rigid(batch.solution)
         multiply(solver.centre, batch.solution, values)

@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.finite_elements import conjugate, kernels
 from mjframes.finite_elements.batch import Array, Batch, Progress, averages, in_rounds, reporter
-from mjframes.finite_elements.cycle import precondition
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.solver import BodySolver
 from mjframes.rigid import rigid_motions, size_of
@@ -112,9 +111,7 @@ def _solve(solver: BodySolver, given: Floats, tolerance: float, progress: Progre
 
         batch.residual[:] = 0
         levels.finest.subtract(u, batch.residual, batch.scratch[0], batch.lanes)
-        batch.r[0][:] = batch.residual
-        batch.direction[:] = precondition(levels, batch)
-        conjugate.solve(levels, batch, batch.residual, batch.solution, batch.direction, tolerance, energy)
+        conjugate.solve(levels, batch, tolerance, energy)
         fields[:, some] = u.reshape(-1, k)[:, :used]
         forces[:, some] = -force.reshape(-1, k)[:, :used]
 

@@ -141,9 +141,7 @@ def _solve(
     def improve(batch: Batch, number: int) -> None:
         chosen = _batch(combinations, number, k)
         load(forces, chosen, batch.residual)
-        batch.r[0][:] = batch.residual
-        batch.direction[:] = precondition(solver.levels, batch)
-        conjugate.solve(solver.levels, batch, batch.residual, batch.solution, batch.direction, tolerance)
+        conjugate.solve(solver.levels, batch, tolerance)
         if not solver.held:
             solver.remove_rigid(batch.solution)
         work[:, number * k : (number + 1) * k] = moments(forces, batch.solution, k)

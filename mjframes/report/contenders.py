@@ -107,21 +107,14 @@ class Simulation:
         held = []
         for self.model.opt.timestep in (1e-3, 2e-3):
             mujoco.mj_forward(self.model, self.data)
-            held.append(_inertia(self.model, self.data))
+            held.append(np.zeros((self.model.nv,) * 2))
+            mujoco.mj_fullM(self.model, self.data, held[-1])
         stiffness = (held[1] - held[0]) / 3e-6
         mass = held[0] - 1e-6 * stiffness
         shift = 1e-3 * float(np.mean(np.diag(stiffness)) / np.mean(np.diag(mass)))
         inverse = linalg.eigh(mass, stiffness + shift * mass, eigvals_only=True)[::-1]
         squares = 1 / inverse[rigid : rigid + count] - shift
         return np.sqrt(np.maximum(squares, 0)) / (2 * np.pi)
-
-
-def _inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """d->M (nv, nv)."""
-    inertia = np.zeros((model.nv, model.nv))
-    row = np.repeat(np.arange(model.nv), model.M_rownnz)
-    inertia[row, model.M_colind] = inertia[model.M_colind, row] = data.M
-    return inertia
 
 
 def timed_build(*inputs: Any, **options: Any) -> tuple[SoftBody, float]:
