@@ -17,7 +17,7 @@ PYTEST_PARALLEL := -n auto --dist loadfile
 PIP_INSTALL := -m pip install -q --disable-pip-version-check
 # The way MuJoCo draws without a display: MUJOCO_GL if it is set, else the first that works.
 define draw
-MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.doctor import working_backend as w; print(w() or "")')
+MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.app.doctor import working_backend as w; print(w() or "")')
 endef
 
 .PHONY: demo test test-mujoco4 bench report lint format clean
@@ -41,14 +41,14 @@ lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/pyright
-	$(VENV)/bin/clang-format --dry-run -Werror plugin/*.cc plugin/*.h plugin/laws/*.h tests/*.cc
+	$(VENV)/bin/clang-format --dry-run -Werror plugin/*.cc plugin/*.h plugin/laws/*.h tests/*/*.cc
 	$(VENV)/bin/cmake -S plugin -B build/lint -DPython_EXECUTABLE=$(CURDIR)/$(VENV)/bin/python -DCMAKE_COMPILE_WARNING_AS_ERROR=ON
 	$(VENV)/bin/cmake --build build/lint --parallel
 
 format: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check --fix
 	$(VENV)/bin/ruff format
-	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h plugin/laws/*.h tests/*.cc
+	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h plugin/laws/*.h tests/*/*.cc
 
 clean:
 	rm -rf $(VENV) $(VENV4) build dist out .pytest_cache .ruff_cache

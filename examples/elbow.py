@@ -14,11 +14,11 @@ import mujoco
 import numpy as np
 
 import mjframes as mf
-from mjframes.control import points_of
-from mjframes.gradients import control_gradients
-from mjframes.grid import voxel_grid
-from mjframes.video import still
-from mjframes.view import Soft
+from mjframes.app.video import still
+from mjframes.kinematics.control import points_of
+from mjframes.kinematics.gradients import control_gradients
+from mjframes.scene.view import Soft
+from mjframes.volume.grid import voxel_grid
 
 LENGTH, RADIUS, BONE, GAP, VOXEL = 0.4, 0.05, 0.015, 0.03, 0.01  # [m]; the bones end GAP before the elbow
 FLESH, UPPER, LOWER = 1, 2, 3  # labels
@@ -89,11 +89,11 @@ def elbow(young: float = 2e4, law: str = "corotational") -> Elbow:
     materials = {FLESH: mf.Material(young, POISSON, DENSITY), UPPER: bone, LOWER: bone}
     volume = mf.Volume.from_labels(labels, VOXEL, materials, origin=(-LENGTH / 2, -RADIUS, -RADIUS))
     bones = [mf.Attached("upper", labels == UPPER), mf.Attached("lower", labels == LOWER)]
-    sleeve = mf.build(volume, at=FRAMES, law=law, attached=bones)
+    sleeve = mf.build(volume, at=FRAMES, law=law, supports=bones)
     spec = mujoco.MjSpec.from_string(LINKS)
     sky, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], rgb2=[1, 1, 1], width=8, height=48)
-    mf.attach(spec.body("lower"), sleeve, name="sleeve", contact=False, spec=spec)
+    mf.attach(spec, sleeve, "sleeve", "lower", contact=False)
     model = spec.compile()
     return Elbow(sleeve, model, mujoco.MjData(model))
 

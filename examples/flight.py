@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.view import Soft
+from mjframes.scene.view import Soft
 
 LAWS = ("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce")
 INTEGRATORS = {"Euler": mujoco.mjtIntegrator.mjINT_EULER, "RK4": mujoco.mjtIntegrator.mjINT_RK4}
@@ -64,7 +64,7 @@ def fly(law: str, integrator: str, frame_type: str = "affine") -> Flight:
     spec = mujoco.MjSpec()
     spec.option.gravity = [0, 0, 0]
     spec.option.integrator = INTEGRATORS[integrator]
-    mf.attach(spec.worldbody, bar(law, frame_type), name="bar", contact=False)
+    mf.attach(spec, bar(law, frame_type), "bar", contact=False)
     model = spec.compile()
     errors = []
     for steps in STEPS[integrator]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.video import film
+from mjframes.app.video import film
 
 BLOCK, MASS, VOXEL = 0.04, 0.08, 0.0025  # [m], [kg], [m]
 FLESH, CORE, RUBBER = mf.Material(1e5, 0.45, 1000), mf.Material(6e5, 0.4, 2000), mf.Material(5e5, 0.45, 1100)
@@ -106,7 +106,7 @@ def soft_block(gripper: str | None = None) -> Grasp:
     labels[4:-4, 4:-4, 4:-4] = 2
     volume = mf.Volume.from_labels(labels, VOXEL, {1: FLESH, 2: CORE}, origin=(-BLOCK / 2,) * 3)
     block = mf.build(volume, frames=4, damping=(0.0, 0.005))
-    mf.attach(spec.worldbody, block, "block", (0, 0, PEDESTAL + BLOCK / 2))
+    mf.attach(spec, block, "block", pos=(0, 0, PEDESTAL + BLOCK / 2))
     y, z = np.meshgrid((-0.005, 0.0, 0.005), (-0.008, 0.0, 0.008))
     points = [np.stack([np.full(9, x), y.ravel(), z.ravel()], axis=1) for x in (BLOCK / 2, -BLOCK / 2)]
     return _grasp(spec, block, tuple(("block", side, at) for side, at in zip(SIDES, points, strict=True)), normal=1)
@@ -125,10 +125,10 @@ def soft_pads(gripper: str | None = None) -> Grasp:
     back[:, -round(BACKING / 0.002) :] = True
     origin = (-PAD[0] / 2, FACE - PAD[1], 0.0)
     volume = mf.Volume.from_labels(labels, (0.0025, 0.002, 0.003), {1: RUBBER}, origin=origin)
-    pad = mf.build(volume, frames=4, damping=(0.0, 0.002), fixed=[mf.Fixed(back)])
+    pad = mf.build(volume, frames=4, damping=(0.0, 0.002), supports=[mf.Fixed(back)])
     contact = mf.Contact(friction=(0.7,), solref=(0.004, 1.0), solimp=(0.95, 0.99, 0.001), priority=2)
     for side in SIDES:
-        mf.attach(spec.body(side), pad, f"{side}_rubber", contact=contact)
+        mf.attach(spec, pad, f"{side}_rubber", side, contact=contact)
     x, z = np.meshgrid((-0.006, 0.0, 0.006), (0.012, 0.018, 0.024))
     points = np.stack([x.ravel(), np.full(9, FACE - PAD[1]), z.ravel()], axis=1)
     return _grasp(spec, pad, tuple((f"{side}_rubber", "block", points) for side in SIDES), normal=0, held="block")

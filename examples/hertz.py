@@ -51,7 +51,7 @@ def forces(frames: int) -> Array:
     body = mf.build(volume, frames, damping=(0.0, 0.1))
     spec = mujoco.MjSpec.from_string(SCENE)
     contact = mf.Contact(condim=1, solref=(0.01, 1), solimp=(0.99, 0.99), priority=1)
-    mf.attach(spec.worldbody, body, "ball", contact=contact)
+    mf.attach(spec, body, "ball", contact=contact)
     model = spec.compile()
     data = mujoco.MjData(model)
     start, before, found = data.mocap_pos.copy(), 0.0, []

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.grid import voxel_grid
-from mjframes.placement import place_frames
-from mjframes.voronoi import voronoi_weights
+from mjframes.frames.placement import place_frames
+from mjframes.volume.grid import voxel_grid
+from mjframes.weights.voronoi import voronoi_weights
 
 EDGE = 0.01  # [m]
 NODES = EDGE * np.array([[8.5, 10.5, 0.5], [47.5, 10.5, 0.5], [40.5, 56.5, 0.5]])  # left (red), right, tip of the arm

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.control import control_weights
-from mjframes.grid import voxel_grid
-from mjframes.mechanics import closest_rotation
-from mjframes.video import still
+from mjframes.app.video import still
+from mjframes.elasticity.corotational import closest_rotation
+from mjframes.kinematics.control import control_weights
+from mjframes.volume.grid import voxel_grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,15 +59,17 @@ class Knee:
 
 def knee_at_rest() -> Knee:
     """Someone sitting: the femur is part of the world."""
-    volume = mf.Volume.from_labels(MODELS / "knee.npz")
+    volume = mf.Volume.load(MODELS / "knee.npz")
     femur = mf.Fixed(volume.labels == FEMUR)
-    body = mf.build(volume, at=FRAMES, method="paper", samples=200, subdivisions=2, fixed=[femur], damping=(3.0, 0.02))
+    body = mf.build(
+        volume, at=FRAMES, method=mf.Paper(200), weights=mf.Voronoi(2), supports=[femur], damping=(3.0, 0.02)
+    )
     spec = mujoco.MjSpec()
     spec.option.timestep = 0.005
     spec.visual.headlight.ambient = [0.5, 0.5, 0.5]
     sky, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], width=8, height=48)
-    mf.attach(spec.worldbody, body, name="knee", contact=False)
+    mf.attach(spec, body, "knee", contact=False)
     model = spec.compile()
     grid = voxel_grid(volume)
     labels = [int(grid.label[seeds[0]]) for seeds in body.fields.seeds]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
-from mjframes.control import control_weights
-from mjframes.grid import voxel_grid
-from mjframes.video import still
+from mjframes.app.video import still
+from mjframes.kinematics.control import control_weights
+from mjframes.volume.grid import voxel_grid
 
 LENGTH, WIDTH, VOXEL = 0.4, 0.1, 0.0125  # [m]
 YOUNG, POISSON = 1e5, 0.3  # [Pa], [-]
@@ -88,7 +88,7 @@ def bar(law: str = "corotational") -> Bar:
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
     sky, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], width=8, height=48)
-    mf.attach(spec.worldbody, body, name="bar", contact=False)
+    mf.attach(spec, body, "bar", contact=False)
     model = spec.compile()
     return Bar(body, model, mujoco.MjData(model))
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.grid import voxel_grid
-from mjframes.meshes import MeshWarning
-from mjframes.mjcf import BranchWarning
-from mjframes.video import film
+from mjframes.app.video import film
+from mjframes.scene.attach import BranchWarning
+from mjframes.volume.grid import voxel_grid
+from mjframes.volume.meshes import MeshWarning
 
 Array = NDArray[np.float64]
 
@@ -108,11 +108,11 @@ def rat() -> tuple[mf.SoftBody, mujoco.MjModel]:
     data = mujoco.MjData(bare)
     mujoco.mj_forward(bare, data)
     volume = skin_volume(bare, data)
-    body = mf.build(volume, FREE, attached=bones(bare, data, volume), damping=(0.0, 0.005))
+    body = mf.build(volume, FREE, supports=bones(bare, data, volume), damping=(0.0, 0.005))
     spec.delete(spec.skins[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BranchWarning)  # legs and spine are different branches
-        mf.attach(spec.worldbody, body, "flesh", contact=False, spec=spec)
+        mf.attach(spec, body, "flesh", contact=False)
     spec.worldbody.add_camera(name="beside", pos=[-0.03, -0.33, 0.08], xyaxes=[1, 0, 0, 0, 0.15, 1])
     return body, spec.compile()
 

@@ -11,17 +11,18 @@ from pathlib import Path
 import mujoco
 
 import mjframes as mf
-from mjframes.run import Recording, record, summary
+from mjframes.app.recording import Recording, summary
+from mjframes.app.run import record
 
 MODELS = Path(__file__).parent.parent / "models"
 
 
 def steak_scene(frames: int = 3) -> mujoco.MjSpec:
     """The kitchen with a steak above the block."""
-    volume = mf.Volume.from_labels(MODELS / "steak.npz")
+    volume = mf.Volume.load(MODELS / "steak.npz")
     body = mf.build(volume, frames=frames, damping=(0.0, 0.01))
     spec = mujoco.MjSpec.from_file(str(MODELS / "kitchen.xml"))
-    mf.attach(spec.worldbody, body, name="steak", pos=(0.0, 0.0, 0.15), quat=(0.996, 0.03, -0.07, 0.0))
+    mf.attach(spec, body, "steak", pos=(0.0, 0.0, 0.15), quat=(0.996, 0.03, -0.07, 0.0))
     return spec
 
 

@@ -3,10 +3,10 @@
     import mujoco
     import mjframes as mf
 
-    volume = mf.Volume.from_labels("models/steak.npz")
-    body = mf.build(volume, frames=3, samples=10)
+    volume = mf.Volume.load("models/steak.npz")
+    body = mf.build(volume, frames=3)
     spec = mujoco.MjSpec.from_file("scene.xml")
-    mf.attach(spec.worldbody, body, name="steak", pos=(0, 0, 0.3))
+    mf.attach(spec, body, "steak", pos=(0, 0, 0.3))
     model = spec.compile()
 
 Importing the package makes the engine plugins `mjframes.soft` and `mjframes.sensor` known to MuJoCo.
@@ -16,61 +16,98 @@ from __future__ import annotations
 
 import importlib
 import warnings
+from importlib import metadata
 from typing import TYPE_CHECKING
 
 import mujoco  # noqa: F401  (first: MuJoCo 4 imports this package in turn, for its plugin)
 
-from mjframes import plugin
-from mjframes.errors import MjframesError
+from mjframes.base.errors import MjframesError
+from mjframes.scene import plugin
 
 if TYPE_CHECKING:
-    from mjframes.body import SoftBody, build
-    from mjframes.contact import Contact
-    from mjframes.inertia import mass_matrix, rigid_inertia
-    from mjframes.material import Material
-    from mjframes.mjcf import attach
-    from mjframes.sensors import add_sensor
-    from mjframes.supports import Attached, Fixed
-    from mjframes.view import soft
-    from mjframes.volume import Volume
+    from mjframes.app.run import record
+    from mjframes.app.video import still
+    from mjframes.body.build import TurnWarning, build
+    from mjframes.body.options import Paper
+    from mjframes.body.soft_body import SoftBody
+    from mjframes.frames.supports import Attached, Fixed
+    from mjframes.scene.attach import Attachment, BranchWarning, attach
+    from mjframes.scene.contact import Contact
+    from mjframes.scene.inertia import mass_matrix, rigid_inertia
+    from mjframes.scene.load import load_scene
+    from mjframes.scene.sensors import add_sensor
+    from mjframes.scene.view import Soft, soft
+    from mjframes.volume.images import ImageWarning
+    from mjframes.volume.material import Material
+    from mjframes.volume.meshes import MeshWarning
+    from mjframes.volume.volume import Volume
+    from mjframes.weights.weights import Harmonic, Linear, Voronoi
+    from mjframes.whole_body.contrast import RigidWarning
 
 __all__ = [
     "Attached",
+    "Attachment",
+    "BranchWarning",
     "Contact",
     "Fixed",
+    "Harmonic",
+    "ImageWarning",
+    "Linear",
     "Material",
+    "MeshWarning",
     "MjframesError",
+    "Paper",
+    "RigidWarning",
+    "Soft",
     "SoftBody",
+    "TurnWarning",
     "Volume",
+    "Voronoi",
     "add_sensor",
     "attach",
     "build",
+    "load_scene",
     "mass_matrix",
+    "record",
     "rigid_inertia",
     "soft",
+    "still",
 ]
 
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
-    "Attached": "supports",
-    "Contact": "contact",
-    "Fixed": "supports",
-    "Material": "material",
-    "SoftBody": "body",
-    "Volume": "volume",
-    "add_sensor": "sensors",
-    "attach": "mjcf",
-    "build": "body",
-    "mass_matrix": "inertia",
-    "rigid_inertia": "inertia",
-    "soft": "view",
+    "app.run": ("record",),
+    "app.video": ("still",),
+    "body.build": ("TurnWarning", "build"),
+    "body.options": ("Paper",),
+    "body.soft_body": ("SoftBody",),
+    "frames.supports": ("Attached", "Fixed"),
+    "scene.attach": ("Attachment", "BranchWarning", "attach"),
+    "scene.contact": ("Contact",),
+    "scene.inertia": ("mass_matrix", "rigid_inertia"),
+    "scene.load": ("load_scene",),
+    "scene.sensors": ("add_sensor",),
+    "scene.view": ("Soft", "soft"),
+    "volume.images": ("ImageWarning",),
+    "volume.material": ("Material",),
+    "volume.meshes": ("MeshWarning",),
+    "volume.volume": ("Volume",),
+    "weights.weights": ("Harmonic", "Linear", "Voronoi"),
+    "whole_body.contrast": ("RigidWarning",),
 }
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'mjframes' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"mjframes.{_HOMES[name]}"), name)
+    if name == "__version__":
+        return metadata.version("mjframes")
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"mjframes.{module}"), name)
+    raise AttributeError(f"module 'mjframes' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
 
 
 try:

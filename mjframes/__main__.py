@@ -2,7 +2,7 @@
 
 import sys
 
-from mjframes.cli import main
+from mjframes.cli.commands import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.material import Material
-from mjframes.volume import Volume
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mjframes.material import Material
-from mjframes.volume import Volume
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.threads import in_parallel, workers
 from mjframes.finite_elements import kernels
 from mjframes.finite_elements.cycle import Workspace
 from mjframes.finite_elements.levels import Levels
 from mjframes.finite_elements.matrices import Floats
-from mjframes.threads import in_parallel, workers
 
 MEMORY = 1.5e9  # [bytes] for the vectors of all batches at a time
 

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.grid import root_of
+from mjframes.volume.grid import root_of
 
 Ints = NDArray[np.int32]
 

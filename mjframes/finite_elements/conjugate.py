@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.errors import MjframesError
+from mjframes.base.errors import MjframesError
 from mjframes.finite_elements import kernels
 from mjframes.finite_elements.batch import Batch
 from mjframes.finite_elements.cycle import precondition

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.finite_elements.coarsen import Cells, Coarsening, Rows, coarsened
 from mjframes.finite_elements.element import brick_stiffness, coefficients
 from mjframes.finite_elements.galerkin import Blocks, from_blocks, from_bricks
 from mjframes.finite_elements.matrices import BlockRows, Bricks, Floats, Matrix
 from mjframes.finite_elements.mesh import Mesh
 from mjframes.finite_elements.smoother import eigenvalue_bound
-from mjframes.grid import Grid
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.volume.grid import Grid
 
 FEW = 300  # [nodes] of a level whose matrix is inverted: some 30 ms
 MANY = 800  # [nodes] the same where the next level would hardly be smaller: half a second

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components
 
-from mjframes.errors import MjframesError
+from mjframes.base.errors import MjframesError
 from mjframes.finite_elements.element import CORNERS
-from mjframes.grid import Grid
+from mjframes.volume.grid import Grid
 
 Ints = NDArray[np.int32]
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
+from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.finite_elements import conjugate, kernels
 from mjframes.finite_elements.batch import Array, Batch, Progress, averages, in_rounds, reporter
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.solver import BodySolver
-from mjframes.rigid import rigid_motions, size_of
 
 TOLERANCE = 0.01  # [-] in the energy norm: energies are right to 1e-4
 

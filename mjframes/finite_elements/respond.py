@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
+from mjframes.base.threads import in_parallel
 from mjframes.finite_elements import conjugate
 from mjframes.finite_elements.batch import (
     Array,
@@ -35,7 +36,6 @@ from mjframes.finite_elements.batch import (
 from mjframes.finite_elements.cycle import precondition
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.solver import BodySolver
-from mjframes.threads import in_parallel
 
 TOLERANCE = 0.07  # [-] of X in the energy norm: S is then right to about 1 % in its worst mode
 NOISE = 1e-7  # [-] to the largest eigenvalue of the scaled S₀: smaller ones are taken to be that large

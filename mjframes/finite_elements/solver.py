@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.rigid import motion_basis
 from mjframes.finite_elements.levels import Levels, body_levels
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.mesh import Mesh, body_mesh
-from mjframes.grid import Grid
-from mjframes.rigid import motion_basis
+from mjframes.volume.grid import Grid
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.grid import Grid
+from mjframes.volume.grid import Grid
 
 FEW = 200_000  # [voxels] that are places each: ten frames keep 0.3 GB of displacements there
 

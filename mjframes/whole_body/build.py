@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.elasticity.laws import LawParameters
+from mjframes.elasticity.regions import frame_sets
+from mjframes.elasticity.stiffness import Stiffness
 from mjframes.finite_elements.batch import Progress, averages
 from mjframes.finite_elements.displacements import displacements
 from mjframes.finite_elements.solver import BodySolver, body_solver
-from mjframes.grid import Grid
-from mjframes.laws import LawParameters
-from mjframes.regions import frame_sets
-from mjframes.shape_functions import ShapeFunctions
-from mjframes.stiffness import Stiffness
+from mjframes.kinematics.shape_functions import ShapeFunctions
+from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
@@ -46,7 +46,7 @@ class FiniteElements:
 
 
 @dataclass(frozen=True, eq=False)
-class WholeBody:
+class Condensed:
     """stiffness: of the regions.  region: (n,) of each voxel.  shapes: weights that follow the body.
     lifting: what the body moves beyond them.  error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
@@ -82,7 +82,7 @@ def whole_body(
     links: Sequence[str],
     laws: Sequence[LawParameters],
     progress: Callable[[str], None],
-) -> WholeBody:
+) -> Condensed:
     """Return what finite elements on the voxels make of frames with the weights `shapes`.
 
     types: (f,) of the frames.  links: the bodies that hold the first ones.  laws: of each material of the grid's table,
@@ -112,7 +112,7 @@ def whole_body(
     if laws:
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
-    return WholeBody(stiffness, region, ShapeFunctions(shapes.weights, control, change), lifted, error, where, some)
+    return Condensed(stiffness, region, ShapeFunctions(shapes.weights, control, change), lifted, error, where, some)
 
 
 def _followed(

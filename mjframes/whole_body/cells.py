@@ -23,17 +23,17 @@ Index letters: v voxel; q cell; e region.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.control import ControlPoints
-from mjframes.grid import Grid
-from mjframes.laws import LawParameters, hessian
-from mjframes.regions import members_of
-from mjframes.rigid import motion_basis, rigid_motions, size_of
-from mjframes.stiffness import Stiffness, blind_to_translations
+from mjframes.base.rigid import motion_basis, rigid_motions, size_of
+from mjframes.elasticity.laws import LawParameters, hessian
+from mjframes.elasticity.regions import members_of
+from mjframes.elasticity.stiffness import Stiffness, blind_to_translations
+from mjframes.kinematics.control import ControlPoints
+from mjframes.volume.grid import Grid
 from mjframes.whole_body.following import assembled
 from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
 
@@ -57,7 +57,7 @@ class Cells:
     volume: tuple[Array, ...]
     material: tuple[NDArray[np.int64], ...]
     slope: tuple[Array, ...]
-    remainder: tuple[Array, ...]
+    remainder: tuple[Array, ...] = field(metadata={"symmetric": True})
 
     def stiffened(self, before: Stiffness, after: Stiffness) -> Cells:
         """Return them where the regions became stiffer than they were before."""

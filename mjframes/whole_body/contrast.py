@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
-from mjframes.volume import Volume
+from mjframes.volume.volume import Volume
 
 FIRM = 1e6  # [-] Young's modulus, to the softest material's, from which on a material counts as rigid
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mjframes.errors import MjframesError
-from mjframes.frames import Frames
-from mjframes.grid import Grid
-from mjframes.whole_body.build import FiniteElements, WholeBody
+from mjframes.base.errors import MjframesError
+from mjframes.body.frames import Frames
+from mjframes.volume.grid import Grid
+from mjframes.whole_body.build import Condensed, FiniteElements
 from mjframes.whole_body.error import BodyError, expected
 
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40)  # frames that are tried
@@ -22,8 +22,8 @@ def fewest_frames(
     finite: FiniteElements,
     most: int,
     place: Callable[[int], Frames],
-    condense: Callable[[Frames], WholeBody],
-) -> tuple[Frames, WholeBody]:
+    condense: Callable[[Frames], Condensed],
+) -> tuple[Frames, Condensed]:
     """Return the first of COUNTS, up to `most`, whose body has an error of at most `error` [-], and that body.
 
     place, condense: make the frames of a number, and the body of those.

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
-from mjframes.control import ControlPoints, control_weights
-from mjframes.grid import Grid
-from mjframes.rigid import motion_basis
+from mjframes.base.rigid import motion_basis
+from mjframes.kinematics.control import ControlPoints, control_weights
+from mjframes.volume.grid import Grid
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.control import ControlPoints, points_of
-from mjframes.regions import frame_sets, members_of
-from mjframes.stiffness import Stiffness
-from mjframes.threads import in_parallel
-from mjframes.weights import weights_at
+from mjframes.base.threads import in_parallel
+from mjframes.elasticity.regions import frame_sets, members_of
+from mjframes.elasticity.stiffness import Stiffness
+from mjframes.kinematics.control import ControlPoints, points_of
+from mjframes.weights.weights import weights_at
 from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
 
 Array = NDArray[np.float64]

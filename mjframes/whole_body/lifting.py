@@ -10,18 +10,18 @@ what it is made of. R makes them follow any rotation. Index letters: v voxel; j 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.control import ControlPoints
-from mjframes.grid import Grid
-from mjframes.regions import members_of
-from mjframes.rigid import rigid_motions, size_of
-from mjframes.stiffness import Stiffness
-from mjframes.threads import in_parallel
+from mjframes.base.rigid import rigid_motions, size_of
+from mjframes.base.threads import in_parallel
+from mjframes.elasticity.regions import members_of
+from mjframes.elasticity.stiffness import Stiffness
+from mjframes.kinematics.control import ControlPoints
+from mjframes.volume.grid import Grid
 from mjframes.whole_body.superelement import Superelement, degrees
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Lifting:
     modes that a region has not.  share: for each region T (q, 3m), of its control points in their order.
     """
 
-    mode: NDArray[np.float32]
+    mode: NDArray[np.float32] = field(metadata={"kept": np.float16})
     share: tuple[Array, ...]
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.constants import RIGID_RATIO
-from mjframes.control import ControlPoints
-from mjframes.grid import Grid
-from mjframes.rigid import motion_basis
-from mjframes.rotations import with_rotations
-from mjframes.stiffness import Stiffness
+from mjframes.base.constants import RIGID_RATIO
+from mjframes.base.rigid import motion_basis
+from mjframes.elasticity.rotations import with_rotations
+from mjframes.elasticity.stiffness import Stiffness
+from mjframes.kinematics.control import ControlPoints
+from mjframes.volume.grid import Grid
 from mjframes.whole_body.selection import Part
 
 OWN = 0.999  # [-] weight that a frame has of a piece that is its own

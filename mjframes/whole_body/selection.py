@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.control import ControlPoints
-from mjframes.rigid import rigid_motions, size_of
+from mjframes.base.rigid import rigid_motions, size_of
+from mjframes.kinematics.control import ControlPoints
 from mjframes.whole_body.superelement import degrees, scaled_eigenvectors
 
 Array = NDArray[np.float64]

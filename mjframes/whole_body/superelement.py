@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.control import ControlPoints, control_weights
+from mjframes.base.rigid import motion_basis, rigid_motions
 from mjframes.finite_elements.batch import Progress
 from mjframes.finite_elements.element import CORNERS
 from mjframes.finite_elements.motions import Motions, motions
 from mjframes.finite_elements.respond import Response, respond
 from mjframes.finite_elements.solver import BodySolver
-from mjframes.grid import Grid
-from mjframes.rigid import motion_basis, rigid_motions
+from mjframes.kinematics.control import ControlPoints, control_weights
+from mjframes.volume.grid import Grid
 
 Array = NDArray[np.float64]
 

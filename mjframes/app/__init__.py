@@ -1,0 +1,1 @@
+"""What people run: films, logs, plots and pictures of scenes and bodies."""

@@ -1,0 +1,235 @@
+"""Pictures of a soft body: what the paper shows in Figures 1, 6 and 7, and how good its regions are.
+
+stiffness: Young's modulus E.  distance: to the nearest frame, in that frame's Voronoi cell.
+weight_i: each frame's shape function w_i.  frames: where frames and regions are.  regions: §5.3.
+error: where displacements miss those of the finite elements, as far as that is known.
+spectrum: error of the regions, eigenvalues of their K_e, natural frequencies √eig(M⁻¹K)/2π of all together.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.app.pictures.keys import NO_COLOR, NOTHING, categorical, color_bar, graded, name_list
+from mjframes.app.pictures.page import HEIGHT, RESOLUTION, RIGID_GLASS, VIEW, WIDTH, Marks, Picture, draw_page
+from mjframes.app.pictures.spectrum import draw_spectrum
+from mjframes.app.pictures.views import cameras, shoot
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
+from mjframes.body.soft_body import SoftBody
+from mjframes.frames.distance import compliance_distance, voxel_graph
+from mjframes.volume.grid import EVEN, Grid, evened, voxel_grid
+from mjframes.weights.weights import weights_at
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BANDS = 10  # [-] between contours
+FRAME, SAMPLE = 13.0, 5.5  # [points] size of the dots
+CROWD = 40  # [-] more frames get smaller dots
+FRAME_COLOR, RIGID_COLOR = (0.12, 0.12, 0.12, 1.0), (0.93, 0.90, 0.80, 1.0)
+MM, MM_PER_KPA = 1e3, 1e6  # [mm / m], [(mm/kPa) / (m/Pa)]
+
+
+def draw_pictures(
+    body: SoftBody,
+    folder: str | os.PathLike[str],
+    name: str = "soft body",
+    progress: Callable[[str], None] = lambda picture: None,
+) -> list[Path]:
+    """Write the pictures of `body` into `folder` as .png and return their paths; `name` is how they call the body.
+
+    Raises MjframesError where matplotlib is missing or where the folder cannot be written.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MjframesError(
+            'pictures need matplotlib, which is not installed; pip install "mjframes[plot]".'
+        ) from error
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise MjframesError(f"{folder}: this is a file; name a folder for the pictures.")
+    grid = voxel_grid(body.fields.volume)
+    size = (int(VIEW[0] * RESOLUTION), int(VIEW[1] * RESOLUTION))
+    progress("stiffness")
+    skin = body.skin
+    front, back = (shoot(camera, skin.vertices, skin.faces, grid, *size) for camera in cameras(skin.vertices))
+    caption = _caption(body, grid, name)
+    written: list[Path] = []
+
+    def write(picture: str, draw: Callable[[Figure], None]) -> None:
+        figure = Figure(figsize=(WIDTH, HEIGHT))
+        draw(figure)
+        with replacing(folder / f"{picture}.png", "the picture") as partial:
+            figure.savefig(partial, dpi=RESOLUTION)
+        written.append(folder / f"{picture}.png")
+
+    for picture in field_pictures(body, grid):
+        progress(picture.name)
+        write(picture.name, lambda figure, picture=picture: draw_page(figure, picture, grid, (front, back), caption))
+    progress("spectrum")
+    write("spectrum", lambda figure: draw_spectrum(figure, body, caption))
+    return written
+
+
+def field_pictures(body: SoftBody, grid: Grid) -> Iterator[Picture]:
+    """The pictures of fields, one after the other: there may be hundreds of frames."""
+    yield _stiffness(body, grid)
+    yield _distance(body, grid)
+    for i in range(len(body.parent)):
+        yield _weight(body, grid, i)
+    yield _frames(body, grid)
+    yield _regions(body, grid)
+    if body.fields.error is not None:
+        yield _error(body, body.fields.error, grid)
+
+
+def _caption(body: SoftBody, grid: Grid, name: str) -> str:
+    spacing = " × ".join(sorted({f"{1e3 * step:.3g}" for step in grid.spacing}, key=float))
+    counts = [(len(body.parent), "frame"), (len(body.stiffness.points), "region")]
+    parts = [f"{len(grid.index):,} voxels of {spacing} mm"]
+    parts += [f"{number} {what}" + ("" if number == 1 else "s") for number, what in counts]
+    parts.append(f"{body.control.mass.sum():.3g} kg")
+    return f"{name}:  {',  '.join(parts)}" + (f"\n{body.error}" if body.error else "")
+
+
+def _middle(grid: Grid) -> NDArray[np.int64]:
+    """(3,) index of the voxel at the centroid, through which the slices go."""
+    return np.floor(grid.index.mean(axis=0) + 0.5).astype(np.int64)
+
+
+def _frame_marks(body: SoftBody, grid: Grid) -> Marks:
+    count = len(body.parent)
+    size = FRAME if count <= CROWD else 0.6 * FRAME
+    return Marks(body.fields.frame_centers(grid), np.tile(FRAME_COLOR, (count, 1)), size, np.arange(count))
+
+
+def _stiffness(body: SoftBody, grid: Grid) -> Picture:
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import FuncFormatter
+
+    soft = grid.compliance > 0
+    young = np.where(soft, grid.young, np.nan)
+    low, high = (np.nanmin(young), np.nanmax(young)) if soft.any() else (1.0, 1.0)
+    norm = LogNorm(low / 1.5, high * 1.5) if high / low < 1.5 else LogNorm(low, high)
+    colors = np.where(soft[:, None], graded(np.where(soft, young, low), norm, "viridis"), RIGID_COLOR)
+    moduli = np.unique(young[soft])
+    ticks = (moduli if len(moduli) <= 6 else np.geomspace(low, high, 5)).tolist()
+    legend = []
+    for label in np.unique(grid.label):
+        material = body.materials[int(label)]
+        modulus = "rigid" if material.is_rigid else _pascals(material.young)
+        legend.append((f"{material.name or f'label {label}'}: {modulus}", colors[np.argmax(grid.label == label)]))
+    scale = FuncFormatter(lambda value, _: _pascals(value))
+    return Picture(
+        "stiffness",
+        "Stiffness: Young's modulus E of each voxel",
+        colors,
+        color_bar(norm, "viridis", "Young's modulus E", legend, ticks=ticks, form=scale),
+        _middle(grid),
+    )
+
+
+def _pascals(pressure: float) -> str:
+    for unit, factor in (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)):
+        if pressure >= factor:
+            return f"{pressure / factor:.3g} {unit}"
+    return f"{pressure:.3g} Pa"
+
+
+def _distance(body: SoftBody, grid: Grid) -> Picture:
+    from matplotlib.colors import Normalize
+
+    seeds = body.fields.seeds
+    owner = np.repeat(np.arange(len(seeds)), [len(s) for s in seeds])
+    even = body.fields.metric == EVEN
+    nearest = compliance_distance(voxel_graph(evened(grid) if even else grid), np.concatenate(seeds), label=owner)
+    distance = (MM if even else MM_PER_KPA) * nearest.distance
+    far = float(distance.max()) or 1.0
+    norm = Normalize(0, far)
+    kind = "Distance inside the body" if even else "Compliance distance"
+    return Picture(
+        "distance",
+        f"{kind} to the nearest frame, and the frames' Voronoi cells",
+        graded(distance, norm, "plasma"),
+        color_bar(norm, "plasma", "∫ ds  [mm]" if even else "∫ ds / E  [mm/kPa]"),
+        _middle(grid),
+        lines=nearest.label,
+        contours=(distance, np.linspace(0, far, BANDS + 1)[1:-1]),
+        marks=(_frame_marks(body, grid),),
+    )
+
+
+def _weight(body: SoftBody, grid: Grid, i: int) -> Picture:
+    from matplotlib.colors import Normalize
+
+    weight = weights_at(body.fields.weights, np.arange(len(grid.index)), [i])[:, 0]
+    norm = Normalize(0, 1)
+    core = body.fields.seeds[i]
+    center = body.fields.frame_centers(grid)[i]
+    through = grid.index[core[np.argmin(np.sum((grid.centers[core] - center) ** 2, axis=1))]]
+    colors = np.where((weight > 0)[:, None], graded(weight, norm, "YlGnBu"), NOTHING)
+    legend = [("no influence", NOTHING), (f"reaches {np.mean(weight > 0):.0%} of the voxels", NO_COLOR)]
+    return Picture(
+        f"weight_{i:0{len(str(len(body.parent) - 1))}d}",
+        f"Weight of frame {i}: its share in the displacement",
+        colors,
+        color_bar(norm, "YlGnBu", "w [-]", legend),
+        through,
+        contours=(weight, np.linspace(0, 1, BANDS + 1)[1:-1]),
+        marks=(_frame_marks(body, grid),),
+    )
+
+
+def _frames(body: SoftBody, grid: Grid) -> Picture:
+    regions = categorical(len(body.stiffness.points))
+    samples = Marks(body.fields.sample_centers(grid), regions[np.unique(body.fields.region)], SAMPLE, None)
+    legend = [
+        (f"frames: {len(body.parent)}", FRAME_COLOR),
+        (f"regions: {len(regions)}, each with a colour", regions[0]),
+    ]
+    if (grid.piece >= 0).any():
+        legend.append(("rigid", (*RIGID_GLASS, 1.0)))
+    marks = (samples, _frame_marks(body, grid))
+    return Picture(
+        "frames", "Frames, and the centres of the regions", None, name_list(legend), _middle(grid), marks=marks
+    )
+
+
+def _error(body: SoftBody, error: NDArray[np.float64], grid: Grid) -> Picture:
+    from matplotlib.colors import Normalize
+
+    norm = Normalize(0, float(error.max()) or 1.0)
+    return Picture(
+        "error",
+        "Error of displacements: rms over own weights and pushes, to that of all displacements",
+        graded(error, norm, "magma"),
+        color_bar(norm, "magma", "|û − u|  [-]"),
+        grid.index[int(np.argmax(error))].astype(np.int64),
+        marks=(_frame_marks(body, grid),),
+    )
+
+
+def _regions(body: SoftBody, grid: Grid) -> Picture:
+    palette = categorical(len(body.stiffness.points))
+    size = np.bincount(body.fields.region, minlength=len(palette)) * grid.cell_volume * 1e6
+    influence = [sorted(set(body.control.frame[points].tolist())) for points in body.stiffness.points]
+    legend = [
+        (f"{e}: frames {' '.join(map(str, frames))}, {volume:.3g} cm³", palette[e])
+        for e, (frames, volume) in enumerate(zip(influence, size, strict=True))
+    ]
+    return Picture(
+        "regions",
+        "Regions, and the frames that each couples",
+        palette[body.fields.region],
+        name_list(legend),
+        _middle(grid),
+        lines=body.fields.region,
+    )

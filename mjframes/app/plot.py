@@ -1,0 +1,92 @@
+"""The figure of a run: energies, penetration, contact force and speed over time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from mjframes.app.recording import Recording
+
+FORMATS = (".png", ".pdf", ".svg")
+RESOLUTION = 120  # [dots per inch] of a .png: 1440 pixels wide
+
+
+@contextmanager
+def plot_file(path: str | os.PathLike[str]) -> Iterator[Callable[[Recording], None]]:
+    """A function that draws a recording; the file (.png, .pdf, .svg) appears when the block succeeds.
+
+    Raises MjframesError where matplotlib is missing, for another ending, or where the file cannot be written.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MjframesError('a plot needs matplotlib, which is not installed; pip install "mjframes[plot]".') from error
+    if Path(path).suffix.lower() not in FORMATS:
+        raise MjframesError(f"{path}: a plot is written as .png, .pdf or .svg; give the path one of these endings.")
+    with replacing(path, "the plot") as partial:
+
+        def save(recording: Recording) -> None:
+            figure = Figure(figsize=(12, 7.5), layout="constrained")
+            _draw(recording, figure)
+            figure.savefig(partial, dpi=RESOLUTION)
+
+        yield save
+
+
+def _draw(recording: Recording, figure: Figure) -> None:
+    def series(name: str) -> np.ndarray:
+        return np.array([getattr(instant, name) for instant in recording.instants])
+
+    time = series("time")
+    grid = figure.subplots(2, 2, sharex=True)
+    energy, depth, force, speed = grid.ravel()
+
+    potential = series("potential")
+    elastic = [sum(instant.elastic.values()) for instant in recording.instants]
+    energy.plot(time, series("kinetic"), label="kinetic")
+    energy.plot(time, potential - potential[0], label="gravity and springs, from the start")
+    if recording.instants[0].elastic:
+        energy.plot(time, elastic, label="elastic")
+    energy.plot(time, recording.energy - recording.energy[0], "k--", label="total, from the start")
+    _label(energy, "energy", "J")
+    energy.legend(fontsize="small")
+
+    steps = np.arange(recording.steps) * recording.timestep
+    depth.plot(steps, recording.depth * 1e3, color="tab:red", linewidth=1)
+    depth.set_ylim(bottom=0)
+    _label(depth, "greatest penetration", "mm")
+
+    force.plot(time, series("normal_force"), linewidth=1, label="sum of normal contact forces")
+    force.axhline(recording.weight, color="k", linestyle="--", label="weight of all that moves")
+    settled = np.percentile(series("normal_force"), 99) if len(time) > 1 else 0.0
+    force.set_ylim(0, 1.3 * max(settled, recording.weight, 1e-9))  # an impact may go beyond: the rest shall be seen
+    _label(force, "contact force", "N")
+    force.legend(fontsize="small")
+
+    speed.plot(time, series("speed"), color="tab:green")
+    speed.set_ylim(bottom=0)
+    _label(speed, "fastest body", "m/s")
+    for axes in grid[1]:
+        axes.set_xlabel("time [s]")
+    figure.suptitle(
+        f"{recording.steps} steps of {recording.timestep * 1e3:g} ms, {recording.steps_per_second:.0f} steps/s "
+        f"({recording.real_time_factor:.2f} × real time)"
+    )
+
+
+def _label(axes: Axes, title: str, unit: str) -> None:
+    axes.set_title(title, fontsize="medium", loc="left")
+    axes.set_ylabel(f"[{unit}]")
+    axes.grid(alpha=0.3)

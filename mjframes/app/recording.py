@@ -1,0 +1,132 @@
+"""What a run of a scene was: its instants, their energies, what it came to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+STILL = 1e-6  # [m] that everything's weight has to fall for an energy that is worth a number
+NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a number
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """One recorded instant.
+
+    time: [s].  qpos, qvel: the state.  kinetic, potential: of everything [J].
+    elastic, soft_kinetic: of each soft body, by name [J].  contacts: how many.
+    penetration: the deepest, 0 where nothing touches [m].  normal_force: sum over contacts [N].
+    speed: of the fastest body's centre of mass [m/s].
+    """
+
+    time: float
+    qpos: np.ndarray
+    qvel: np.ndarray
+    kinetic: float
+    potential: float
+    elastic: dict[str, float]
+    soft_kinetic: dict[str, float]
+    contacts: int
+    penetration: float
+    normal_force: float
+    speed: float
+
+    @property
+    def total(self) -> float:
+        """Kinetic + potential + elastic energy [J]."""
+        return self.kinetic + self.potential + sum(self.elastic.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a run gave.
+
+    instants: at most RECORDS of them, evenly spread.  steps: number of `mj_step` calls.  seconds: wall time in them.
+    timestep: [s].  depth: (steps,) deepest penetration in each step [m].  weight: of all that moves [N].
+    """
+
+    instants: tuple[Instant, ...]
+    steps: int
+    seconds: float
+    timestep: float
+    depth: np.ndarray
+    weight: float
+
+    @property
+    def steps_per_second(self) -> float:
+        """Of `mj_step` alone, without drawing and logging."""
+        return self.steps / self.seconds
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time per wall time in `mj_step`."""
+        return self.steps * self.timestep / self.seconds
+
+    @property
+    def penetration(self) -> float:
+        """The deepest of the run [m]."""
+        return float(self.depth.max())
+
+    @property
+    def final_penetration(self) -> float:
+        """The deepest of the last second [m]."""
+        return float(self.depth[-max(1, round(1 / self.timestep)) :].max())
+
+    @property
+    def energy(self) -> np.ndarray:
+        """(k,) total energy at the instants [J]."""
+        return np.array([instant.total for instant in self.instants])
+
+    @property
+    def motion(self) -> np.ndarray:
+        """(k,) kinetic and potential energy at the instants [J]."""
+        return np.array([instant.kinetic + instant.potential for instant in self.instants])
+
+    @property
+    def energy_scale(self) -> float:
+        """The largest kinetic energy or difference of potential energies: what the run is about [J]."""
+        potential = [instant.potential for instant in self.instants]
+        return max(max(instant.kinetic for instant in self.instants), float(np.ptp(potential)))
+
+    @property
+    def motion_gain(self) -> float:
+        """The most by which kinetic and potential energy together exceed the total energy of the start [J].
+
+        Without the elastic energy, which is nothing to rely on where a material is very stiff: a step h that turns such
+        a body by ω h stretches it by (ω h)²/2, and it stays so while it turns.
+        """
+        return max(0.0, float((self.motion - self.energy[0]).max()))
+
+    @property
+    def energy_gain(self) -> float:
+        """The most by which the total energy ever exceeds that of the start [J]; 0 for a passive scene."""
+        return float((self.energy - self.energy[0]).max())
+
+
+def summary(recording: Recording) -> str:
+    """The lines that `mjframes run` prints."""
+    return "\n".join(
+        (
+            f"steps         {recording.steps} of {recording.timestep * 1e3:g} ms",
+            f"speed         {recording.steps_per_second:.0f} steps/s, {recording.real_time_factor:.2f} × real time",
+            f"penetration   {recording.penetration * 1e3:.3f} mm at most, "
+            f"{recording.final_penetration * 1e3:.3f} mm in the last second",
+            f"energy        {_balance(recording)}",
+        )
+    )
+
+
+def _balance(recording: Recording) -> str:
+    """What became of the energy that moved, in words."""
+    scale = recording.energy_scale
+    if scale <= STILL * recording.weight:
+        return "nothing moved"
+    change = recording.energy[0] - recording.motion[-1]
+    end = f"{change:.3g} J less" if change >= 0 else f"{-change:.3g} J more"
+    gain = recording.motion_gain
+    above = f"{gain:.2g} J ({gain / scale:.1%})" if gain > NOTABLE * scale else "never"
+    return (
+        f"{scale:.3g} J moved; kinetic and potential energy are {end} at the end than at the start, "
+        f"and {above} above it in between"
+    )

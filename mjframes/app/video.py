@@ -1,0 +1,137 @@
+"""Films and stills of a simulation: MuJoCo's offscreen renderer, films in H.264."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from ctypes import CDLL
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
+
+QUALITY = {"crf": "20", "preset": "veryfast"}  # of x264: no visible loss, and faster than the drawing
+
+
+@contextmanager
+def film(
+    model: mujoco.MjModel,
+    path: str | os.PathLike[str],
+    *,
+    camera: str | None = None,
+    fps: float = 30.0,
+    size: tuple[int, int] = (1280, 720),
+) -> Iterator[Callable[[mujoco.MjData], None]]:
+    """A function that adds the present state as a frame; the file (.mp4, .mkv, .mov) appears when the block succeeds.
+
+    camera: name; the scene's first unless given, MuJoCo's free camera where there is none.
+    fps: frames a second.  size: (width, height) [pixels], even numbers.
+    Raises MjframesError for an unknown camera, a size or rate that cannot be, or where drawing or writing fails.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise MjframesError('a video needs PyAV, which is not installed; pip install "mjframes[video]".') from error
+    width, height = size
+    if not all(side >= 16 and side % 2 == 0 for side in size):
+        raise MjframesError(f"size is {width}x{height}; a video needs even numbers of pixels, 16 or more.")
+    if not (math.isfinite(fps) and 0 < fps <= 1000):
+        raise MjframesError(f"fps is {fps!r}; it must be a number of frames a second between 0 and 1000.")
+    if Path(path).suffix.lower() not in (".mp4", ".mkv", ".mov"):
+        raise MjframesError(f"{path}: a video is written as .mp4, .mkv or .mov; give the path one of these endings.")
+    number = find_camera(model, camera)
+    with replacing(path, "the video") as partial:
+        renderer = make_renderer(model, width, height)
+        try:
+            with av.open(str(partial), "w", options={"movflags": "+faststart"}) as container:
+                stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001), options=QUALITY)
+                stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+
+                def draw(data: mujoco.MjData) -> None:
+                    renderer.update_scene(data, camera=number)
+                    frame = av.VideoFrame.from_ndarray(renderer.render(), format="rgb24")
+                    container.mux(stream.encode(frame))
+
+                yield draw
+                container.mux(stream.encode(None))
+        finally:
+            renderer.close()
+
+
+def still(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    lookat: Sequence[float],
+    distance: float,
+    azimuth: float,
+    elevation: float,
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """One picture (height, width, 3) of the present state, from `distance` [m] of the point `lookat` [m]; angles in
+    degrees.  size: (width, height) [pixels].  Raises MjframesError where drawing fails.
+    """
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = lookat
+    camera.distance, camera.azimuth, camera.elevation = distance, azimuth, elevation
+    renderer = make_renderer(model, *size)
+    try:
+        renderer.update_scene(data, camera)
+        return renderer.render()
+    finally:
+        renderer.close()
+
+
+def find_camera(model: mujoco.MjModel, name: str | None) -> int:
+    """Number of a camera, the first unless named, −1 (free) where there is none.  Raises MjframesError if unknown."""
+    names = [model.camera(k).name for k in range(model.ncam)]
+    if name is None:
+        return 0 if names else -1
+    if name not in names:
+        known = f"its cameras are {', '.join(filter(None, names))}" if any(names) else "it has no named cameras"
+        raise MjframesError(f"camera {name!r} is not in the scene; {known}.")
+    return names.index(name)
+
+
+def make_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
+    """MuJoCo's renderer, without a display too; raises the model's offscreen buffer to the size [pixels].
+
+    Raises MjframesError where there is no OpenGL.
+    """
+    _choose_backend()
+    model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
+    model.vis.global_.offheight = max(model.vis.global_.offheight, height)
+    try:
+        return mujoco.Renderer(model, height, width)
+    except Exception as error:  # every backend fails in its own way
+        reason = " ".join(str(error).split())
+        raise MjframesError(
+            f"MuJoCo cannot draw here with MUJOCO_GL={os.environ.get('MUJOCO_GL', '')} ({reason}); "
+            "set MUJOCO_GL to egl or osmesa and install its library (Debian: apt-get install libegl1 libgl1)."
+        ) from error
+
+
+def has_display() -> bool:
+    """Whether windows can open; beyond Linux that is taken for granted."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _choose_backend() -> None:
+    """Set MUJOCO_GL where it is unset and there is no display: EGL, or else OSMesa."""
+    if os.environ.get("MUJOCO_GL") or has_display():
+        return
+    try:
+        CDLL("libEGL.so.1")
+        os.environ["MUJOCO_GL"] = "egl"
+    except OSError:
+        os.environ["MUJOCO_GL"] = "osmesa"
+    # MuJoCo has read the variable when it was imported, and its renderer looks here for what came of it
+    importlib.reload(importlib.import_module("mujoco.rendering.classic.gl_context"))

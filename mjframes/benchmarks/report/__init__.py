@@ -1,0 +1,110 @@
+"""`mjframes report`: error against run time, against finite elements and MuJoCo's own flex (the paper, §6).
+
+bodies → exact (finite elements) → survey: what the defaults give for bodies nobody tuned
+cases → reference (finite elements) → contenders (frames) and flex, in the simulator → measures
+both → plots and page
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+
+from mjframes.base.errors import MjframesError
+from mjframes.benchmarks.bench import machine
+from mjframes.benchmarks.report.bodies import all_bodies
+from mjframes.benchmarks.report.cases import all_cases, bar
+from mjframes.benchmarks.report.contenders import timed_build
+from mjframes.benchmarks.report.exact import exact_solution, exact_solutions
+from mjframes.benchmarks.report.flex import FlexProcess
+from mjframes.benchmarks.report.measures import Outcome, compare
+from mjframes.benchmarks.report.page import Findings, write_csv, write_page
+from mjframes.benchmarks.report.reference import references, refined
+from mjframes.benchmarks.report.survey import judge
+from mjframes.benchmarks.report.survey_page import write_survey_csv
+from mjframes.benchmarks.report.table2 import Line, measure
+from mjframes.benchmarks.report.vibration import exact_vibration, vibrations
+from mjframes.body.options import METHODS
+
+MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that the README shows
+HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0, brings it in"
+
+
+def write_report(
+    folder: Path, quick: bool, mujoco4: str | None, models: Mapping[str, str], progress: Callable[[str], None]
+) -> None:
+    """Measure everything and write report.md, report.csv, survey.csv and the figures.
+
+    mujoco4: a Python that has MuJoCo 4.0.0, for flex; None leaves flex out.  models: files for Table 2, by model.
+    Raises MjframesError where an extra package is missing, for a Python without flex and for unusable files.
+    """
+    try:
+        import matplotlib  # noqa: F401
+
+        from mjframes.benchmarks.report.plots import (
+            draw_convergence,
+            draw_scatter,
+            draw_shapes,
+            draw_survey,
+            draw_vibration,
+        )
+    except ImportError as error:
+        raise MjframesError(
+            'the report needs matplotlib, which is not installed; pip install "mjframes[report]".'
+        ) from error
+    start = time.perf_counter()
+    progress("finite elements")
+    bodies = all_bodies(quick)
+    truth = (
+        {body.name: exact_solution(body) for body in bodies}
+        if quick
+        else exact_solutions([b.name for b in bodies], progress)
+    )
+    for method in METHODS:  # kernels are compiled or loaded where they are first used
+        timed_build(bodies[0].volume, 2, method=method)
+    verdicts = []
+    for body in bodies:
+        verdicts.append(judge(body, truth[body.name], quick, progress))
+        write_survey_csv(folder / "survey.csv", verdicts)  # of so much work none is lost
+    progress("finite elements")
+    chosen = all_cases(quick)
+    names = [case.name for case in chosen]
+    known = {case.name: refined(case) for case in chosen} if quick else references(names, progress)
+    swing = bar("release", "cantilever, let go", "weight", across=6)
+    bent = refined(swing)
+    outcomes: list[Outcome] = []
+    with FlexProcess(mujoco4) if mujoco4 else nullcontext() as flex:
+        for case in chosen:
+            outcomes.append(compare(case, known[case.name], flex, quick, progress))
+            write_csv(folder / "report.csv", outcomes)
+        progress("free vibration")
+        found = vibrations(swing, bent, flex, quick)
+        first, _, swinging = exact_vibration(swing, bent)
+        version = f"MuJoCo {flex.version}" if flex else HOW
+    progress("drawing")
+    main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
+    draw_scatter(folder / "main_time.png", main, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_scatter(folder / "main_dofs.png", main, lambda row: row.dofs, "degrees of freedom")
+    draw_shapes(folder / "main_shapes.png", main)
+    draw_scatter(folder / "error_time.png", outcomes, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_scatter(folder / "error_dofs.png", outcomes, lambda row: row.dofs, "degrees of freedom")
+    draw_scatter(folder / "error_build.png", outcomes, lambda row: row.build_seconds, "seconds to build")
+    draw_survey(folder / "survey_time.png", verdicts, lambda row: 1e6 * row.step_seconds, "µs a step")
+    draw_survey(folder / "survey_dofs.png", verdicts, lambda row: row.dofs, "degrees of freedom")
+    draw_survey(folder / "survey_build.png", verdicts, lambda row: row.build_seconds, "seconds to build")
+    draw_convergence(folder / "convergence.png", outcomes)
+    draw_shapes(folder / "shapes.png", outcomes)
+    draw_vibration(folder / "vibration.png", found, first, swinging)
+    command = shlex.join(["mjframes", *sys.argv[1:]])
+
+    def publish(lines: list[Line]) -> None:
+        seconds = time.perf_counter() - start
+        findings = Findings(command, machine(), version, verdicts, outcomes, found, first, lines, seconds)
+        write_page(folder / "report.md", findings)
+
+    publish([])
+    publish(measure(models, quick, progress))

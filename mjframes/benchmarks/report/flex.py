@@ -1,0 +1,191 @@
+"""MuJoCo's flex as a contender: `flex_worker` in a second Python, asked over a pipe.
+
+Its box is that of the voxels that are not held; cells divide it evenly. Nodes on voxels that are held are pinned.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError
+from mjframes.benchmarks.report.cases import Case
+
+Array = NDArray[np.float64]
+
+WORKER = Path(__file__).with_name("flex_worker.py")
+LEAST_VERSION = (4, 0, 0)
+ORDER = {"full": 1, "trilinear": 1, "quadratic": 2}
+LADDER = (1, 2, 4, 8, 16, 48, 144, 432, 1300)  # [cells] tried, about; `MOST_DOFS` ends it
+MOST_DOFS, MOST_DOFS_QUICK = 6000, 800
+
+
+@dataclass(frozen=True)
+class FlexSetting:
+    """dof: how a flex is parametrized.  cells: of the grid along each axis."""
+
+    dof: str
+    cells: tuple[int, int, int]
+
+    @property
+    def dofs(self) -> int:
+        """[-] about, pinned ones included."""
+        return 3 * int(np.prod([c * ORDER[self.dof] + 1 for c in self.cells]))
+
+    @property
+    def family(self) -> str:
+        return f"flex {self.dof}"
+
+
+@dataclass(frozen=True, eq=False)
+class FlexContender:
+    """A flex at rest in the other process; the same attributes as `contenders.Contender`.
+
+    edited: whether its compiled stiffness was replaced by that of the voxels.
+    """
+
+    name: str
+    family: str
+    dofs: int
+    moved: Array
+    build_seconds: float
+    steps: int
+    timestep: float
+    edited: bool
+    number: int
+    process: FlexProcess
+
+    def seconds_per_step(self, timestep: float, least: float) -> float:
+        return self._ask("step", timestep=timestep, least=least)["seconds"]
+
+    def seconds_to_rest(self) -> float:
+        return self._ask("rest", timestep=self.timestep, steps=self.steps)["seconds"]
+
+    def release(self, timestep: float, steps: int) -> Array:
+        return np.array(self._ask("release", timestep=timestep, steps=steps)["history"])
+
+    def _ask(self, what: str, **values: float) -> dict[str, Any]:
+        return self.process.ask({"do": what, "id": self.number, **values})
+
+
+class FlexProcess:
+    """The other Python. Raises MjframesError where it cannot run, or its MuJoCo is too old."""
+
+    def __init__(self, python: str) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        try:
+            self._process = subprocess.Popen(
+                [python, str(WORKER)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                cwd=self._folder.name,  # where MuJoCo writes its log
+                text=True,
+            )
+            self.version = self.ask({"do": "version"})["version"]
+        except (OSError, MjframesError) as error:
+            raise MjframesError(f"{python} cannot run MuJoCo's flex; give a Python that has mujoco 4.0.0.") from error
+        if tuple(int(part) for part in self.version.split(".")[:3]) < LEAST_VERSION:
+            raise MjframesError(f"{python} has MuJoCo {self.version}; flex is right from 4.0.0 on.")
+        self._count = 0
+
+    def __enter__(self) -> FlexProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._process.stdin
+        self._process.stdin.close()
+        self._process.wait()
+        self._folder.cleanup()
+
+    def ask(self, order: dict[str, Any]) -> dict[str, Any]:
+        """The answer. Raises MjframesError with the other side's error."""
+        assert self._process.stdin
+        assert self._process.stdout
+        try:
+            self._process.stdin.write(json.dumps(order) + "\n")
+            self._process.stdin.flush()
+            line = self._process.stdout.readline()
+        except OSError:
+            line = ""
+        if not line:
+            raise MjframesError("MuJoCo's flex ended its process.")
+        answer = json.loads(line)
+        if "error" in answer:
+            raise MjframesError(f"flex: {answer['error']}")
+        return answer
+
+    def solved(self, case: Case, setting: FlexSetting, load: Array) -> FlexContender:
+        """At rest under `load` (n, 3) [N]. Raises MjframesError where MuJoCo refuses it or it does not come to rest."""
+        self._count += 1
+        folder = Path(self._folder.name)
+        grid, held = case.grid, case.held
+        corner = grid.index[~held] * grid.spacing + grid.origin
+        np.savez(
+            folder / "job.npz",
+            centers=grid.centers,
+            spacing=grid.spacing,
+            young=grid.young,
+            poisson=grid.per_material("poisson")[grid.material],
+            held=held,
+            load=load,
+            goal=case.goal,
+            mass=np.sum(grid.density[~held]) * grid.cell_volume,
+            low=corner.min(axis=0),
+            high=corner.max(axis=0) + grid.spacing,
+            cells=np.array(setting.cells),
+        )
+        result = folder / "moved.npy"
+        answer = self.ask(
+            {
+                "do": "solve",
+                "job": str(folder / "job.npz"),
+                "dof": setting.dof,
+                "id": self._count,
+                "result": str(result),
+            }
+        )
+        return FlexContender(
+            name=f"{'×'.join(map(str, setting.cells))} cells",
+            family=setting.family,
+            dofs=answer["dofs"],
+            moved=np.load(result),
+            build_seconds=answer["build_seconds"],
+            steps=answer["steps"],
+            timestep=answer["timestep"],
+            edited=answer["edited"],
+            number=self._count,
+            process=self,
+        )
+
+    def forget(self) -> None:
+        """Free what was solved."""
+        self.ask({"do": "forget"})
+
+
+def flex_settings(case: Case, quick: bool) -> list[FlexSetting]:
+    """Every parametrization on ever finer cells, as cubic as they come."""
+    extent = np.ptp(case.grid.index[~case.held], axis=0) + 1
+    size = extent * case.grid.spacing
+    found: list[FlexSetting] = []
+    for dof in ORDER:
+        for cells in LADDER:
+            edge = float(np.prod(size) / cells) ** (1 / 3)
+            for _ in range(10):  # thin bodies have one cell across: the others are as long as makes the number right
+                thick = size > edge
+                edge = float(np.prod(size[thick]) / cells) ** (1 / max(1, int(thick.sum())))
+            x, y, z = (int(count) for count in np.clip(np.round(size / edge), 1, extent))
+            setting = FlexSetting(dof, (x, y, z))
+            if setting not in found and setting.dofs <= (MOST_DOFS_QUICK if quick else MOST_DOFS):
+                found.append(setting)
+    return found

@@ -1,0 +1,144 @@
+"""A soft body: all that a scene needs of it, what the stages of Algorithm 1 end with."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import sparse
+
+from mjframes.base.archive import is_archive, read_archive, write_archive
+from mjframes.base.constants import BODY_VERSION, KIND
+from mjframes.base.errors import MjframesError
+from mjframes.base.packing import packed, restored
+from mjframes.body.fields import Fields
+from mjframes.elasticity.quadrature import Quadrature
+from mjframes.elasticity.stiffness import Stiffness
+from mjframes.kinematics.control import ControlPoints
+from mjframes.kinematics.shape_functions import ShapeFunctions
+from mjframes.surface.lattice import Lattice
+from mjframes.volume.material import Material
+from mjframes.whole_body.cells import Cells
+from mjframes.whole_body.error import BodyError
+
+WHAT = "the soft body"  # that its file holds
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The visible surface, moved by the control points.
+
+    vertices: (s, 3) volume coordinates [m].  faces: (t, 3).  label: (t,) material label of each triangle.
+    weights: (s, k) control weights W_j(s).
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    label: np.ndarray
+    weights: sparse.csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSpheres:
+    """Spheres just under the surface, moved by the control points, sorted by patch and cluster.
+
+    centers: (s, 3) volume coordinates [m].  radius: [m].  patch: (s,) and cluster: (s,) within it, see `patches`.
+    weights: (s, k) control weights W_j(s).
+    """
+
+    centers: np.ndarray
+    radius: float
+    patch: np.ndarray
+    cluster: np.ndarray
+    weights: sparse.csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class SoftBody:
+    """Everything a scene needs of a soft body. k control points, f frames, r regions.
+
+    parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.
+    types: (f,) of the frames.
+    links: names of the bodies that hold the first so many frames, "" for the one that the soft body is attached to.
+    control: its points.
+    stiffness: of its regions, at rest.
+    law: of its elasticity.
+    law_constants: (t, 3) of each material of the grid's table, for a law other than "corotational".
+    cells, quadrature: where that is evaluated, by the whole body and by the paper's method.
+    mass_difference: consistent minus lumped mass matrix of each region (m, m) [kg], none for lumped mass.
+    mode: "implicit" or "explicit".
+    skin, contact: its surfaces.
+    lattice: its rest shape, for contact.
+    damping: Rayleigh's (α [1/s], β [s]).
+    error: against finite elements, None for the paper's method.
+    fields: what is known at each voxel.
+    """
+
+    parent: np.ndarray
+    types: tuple[str, ...]
+    links: tuple[str, ...]
+    control: ControlPoints
+    stiffness: Stiffness
+    law: str
+    law_constants: np.ndarray
+    cells: Cells | None
+    quadrature: Quadrature | None
+    mass_difference: tuple[np.ndarray, ...] = field(metadata={"symmetric": True})
+    mode: str
+    skin: Skin
+    contact: ContactSpheres
+    lattice: Lattice
+    damping: tuple[float, float]
+    error: BodyError | None
+    fields: Fields
+
+    def __repr__(self) -> str:
+        types = ", ".join(f"{count} {name}" for name, count in Counter(self.types).items())
+        held = f", {self.held} of them held" if self.held else ""
+        error = f"; error: {self.error}" if self.error else ""
+        return (
+            f"<SoftBody of {len(self.parent)} frames ({types}{held}), {len(self.stiffness.points)} regions, "
+            f"{self.voxels} voxels, {self.control.mass.sum():.3g} kg; {self.law}, {self.mode}{error}>"
+        )
+
+    @property
+    def shapes(self) -> ShapeFunctions:
+        """The control weights anywhere in the material."""
+        return ShapeFunctions(self.fields.weights, self.control, self.fields.correction)
+
+    @property
+    def materials(self) -> Mapping[int, Material]:
+        """The materials by label."""
+        return self.fields.volume.materials
+
+    @property
+    def voxels(self) -> int:
+        """How many are inside."""
+        return len(self.fields.region)
+
+    @property
+    def held(self) -> int:
+        """How many frames, the first ones, are held by bodies that are there already."""
+        return len(self.links)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .npz; an existing file is replaced only by a complete one."""
+        write_archive(path, WHAT, KIND, BODY_VERSION, packed(self))
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> SoftBody:
+        """Return what `save` wrote. Raise MjframesError for anything else."""
+        arrays = read_archive(path, WHAT, KIND, BODY_VERSION)
+        try:
+            body = restored(SoftBody, arrays)
+            return replace(body, fields=body.fields.normalised())
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise MjframesError(f"{path}: arrays of the soft body are missing or damaged; build it again.") from error
+
+
+def is_soft_body(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a saved soft body, of whatever version."""
+    return is_archive(path, KIND)

@@ -1,0 +1,277 @@
+"""What may stand on the command line, and how each value is read."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from typing import NoReturn
+
+from mjframes.base.constants import UP
+from mjframes.base.errors import MjframesError
+
+BUILDING = (  # what says how a body is built, and so nothing to one that is
+    "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
+    "drop_unknown", "largest", "frame_type", "law", "mass", "mode", "damping", "weights", "subdivisions", "seed",
+)  # fmt: skip
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse that reports a mistake as everything else here does."""
+
+    def error(self, message: str) -> NoReturn:
+        raise MjframesError(f"{message}; see {self.prog} --help.")
+
+
+def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -> Parser:
+    """The parser; its result has as `command` one of the functions, by the name of the command."""
+    parser = Parser(prog="mjframes", description="Soft bodies of several materials in MuJoCo, made of a few frames.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    command = commands.add_parser("build", help="make a soft body or a scene from a label image or meshes")
+    command.set_defaults(command=functions["build"])
+    command.add_argument(
+        "volume",
+        nargs="+",
+        metavar="FILE",
+        help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd; 0 is outside) "
+        "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order; "
+        "or a soft body (.npz) that is built already",
+    )
+    command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
+    places = command.add_mutually_exclusive_group()
+    places.add_argument(
+        "--into", metavar="SCENE", help="put it into a copy of this scene (.xml), or name that as output"
+    )
+    places.add_argument(
+        "--fragment", action="store_true", help="the body alone, for MJCF's <attach>: no floor, light or camera"
+    )
+    command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
+    command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
+    command.add_argument(
+        "--pos",
+        type=_place,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="in that body [m] (default 0,0,0); --pos=-1,0,0",
+    )
+    wanted = command.add_mutually_exclusive_group()
+    wanted.add_argument("--frames", type=_count, metavar="N", help="number of frames (default 3)")
+    wanted.add_argument(
+        "--error", type=_share, metavar="E", help="as many frames as it takes for this error, 0.05 for 5 %%"
+    )
+    command.add_argument(
+        "--method", choices=("whole_body", "paper"), default="whole_body",
+        help="stiffness of the whole body, or of the paper's integration samples (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--samples", type=_count, metavar="N", help="number of the paper's integration samples (default 10)"
+    )
+    command.add_argument(
+        "--material",
+        action="append",
+        default=[],
+        metavar="LABEL=NAME:KEY=VALUE,…",
+        help="one for each label, unless the image carries them: "
+        "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]",
+    )
+    command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
+    command.add_argument(
+        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the convex hull: flesh around bones"
+    )
+    command.add_argument(
+        "--spacing", type=_spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
+    )
+    command.add_argument(
+        "--voxels", type=_count, metavar="N", help="about how many voxels to have inside (meshes: 20000)"
+    )
+    units = command.add_mutually_exclusive_group()
+    units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
+    units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
+    command.add_argument(
+        "--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s); --up=-y"
+    )
+    command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
+    command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
+    command.add_argument(
+        "--frame-type", choices=("affine", "quadratic", "rigid", "point"), default="affine",
+        help="of all frames (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--law", choices=("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"),
+        default="corotational", help="of elasticity (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--mass", choices=("lumped", "consistent"), help="mass matrix (default: what suits the frame types)"
+    )
+    command.add_argument(
+        "--mode", choices=("implicit", "explicit"), default="implicit",
+        help="explicit needs small steps and allows RK4 (default %(default)s)",
+    )  # fmt: skip
+    command.add_argument(
+        "--damping",
+        type=_rates,
+        default=(0.0, 0.0),
+        metavar="ALPHA,BETA",
+        help="Rayleigh's, [1/s] and [s] (default 0,0)",
+    )
+    command.add_argument(
+        "--weights", choices=("voronoi", "harmonic", "linear"), default="voronoi", help="(default %(default)s)"
+    )
+    command.add_argument("--subdivisions", type=_count, metavar="N", help="of the Voronoi kernels (default 1)")
+    command.add_argument(
+        "--seed", type=_seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
+    )
+    command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    command.set_defaults(building={name: command.get_default(name) for name in BUILDING})
+
+    command = commands.add_parser("inspect", help="draw what build computed: stiffness, distance, weights, regions")
+    command.set_defaults(command=functions["inspect"])
+    command.add_argument("asset", metavar="BODY", help="soft body (.npz) that build wrote")
+    command.add_argument(
+        "-o", "--output", metavar="FOLDER", help="of the pictures (default: beside the body, with its name)"
+    )
+
+    command = commands.add_parser("run", help="step a scene; write a video, a log, a plot")
+    command.set_defaults(command=functions["run"])
+    command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="(default %(default)s)")
+    command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
+    command.add_argument("--log", metavar="FILE", help="log to write: .mcap, for Foxglove")
+    command.add_argument("--plot", metavar="FILE", help="figure to write: .png, .pdf, .svg")
+    command.add_argument("--camera", metavar="NAME", help="camera of the film (default: the scene's first)")
+    command.add_argument("--fps", type=float, default=30.0, metavar="N", help="frames a second (default %(default)s)")
+    command.add_argument(
+        "--size", type=_size, default=(1280, 720), metavar="WxH", help="of the film (default 1280x720)"
+    )
+
+    command = commands.add_parser("view", help="open a scene in MuJoCo's viewer")
+    command.set_defaults(command=functions["view"])
+    command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+
+    command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
+    command.set_defaults(command=functions["bench"])
+    command.add_argument("file", nargs="?", metavar="FILE", help="only the precomputation of this mesh or volume")
+    sizes = command.add_mutually_exclusive_group()
+    sizes.add_argument("--cells", dest="count", type=_amount, metavar="N", help="of a mesh's grid (default 7e6)")
+    sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
+    command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
+    command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
+
+    command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
+    command.set_defaults(command=functions["report"])
+    command.add_argument("-o", "--output", default="report", metavar="FOLDER", help="(default %(default)s)")
+    command.add_argument("--quick", action="store_true", help="a few small cases, under three minutes")
+    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
+    command.add_argument(
+        "--model",
+        type=_model,
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="dragon, ribbon, knee or rat, for the paper's Table 2: a label image or a mesh",
+    )
+
+    command = commands.add_parser("doctor", help="tell what is installed and whether it works")
+    command.set_defaults(command=functions["doctor"])
+
+    command = commands.add_parser("check", help="try out the numerical stability: stiff bodies, large steps, impacts")
+    command.set_defaults(command=functions["check"])
+    command.add_argument("--quick", action="store_true", help="a tenth of the runs")
+    command.add_argument(
+        "--abuse",
+        type=_count,
+        nargs="?",
+        const=10_000,
+        metavar="EDITS",
+        help="instead, edit scenes at random: sizes, options, states, copies, rays, threads (default %(const)s edits)",
+    )
+    command.add_argument("--seed", type=_seed, default=0, help="of the first of those scenes (default %(default)s)")
+    command.add_argument("--out", default="out", metavar="FOLDER", help="of table and map (default %(default)s)")
+    return parser
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
+    return int(text)
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise argparse.ArgumentTypeError(f"{text!r} is not three coordinates in metres with commas between")
+    return x, y, z
+
+
+def _amount(text: str) -> int:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 1000):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1000 on")
+    return int(value)
+
+
+def _spacing(text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in (1, 3) or not all(math.isfinite(value) and value > 0 for value in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is not one length in metres or three with commas between")
+    return values * (3 // len(values))
+
+
+def _rates(text: str) -> tuple[float, float]:
+    try:
+        alpha, beta = (float(part) for part in text.split(","))
+    except ValueError:
+        alpha = beta = math.nan
+    if not (math.isfinite(alpha) and math.isfinite(beta) and min(alpha, beta) >= 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not two rates ≥ 0 with a comma between")
+    return alpha, beta
+
+
+def _factor(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number between 0 and 1")
+    return value
+
+
+def _model(text: str) -> tuple[str, str]:
+    name, equals, file = text.partition("=")
+    if not (name and equals and file):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FILE")
+    return name, file
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT in pixels")
+    return int(width), int(height)

@@ -1,0 +1,342 @@
+"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `report`, `check`, `doctor`.
+
+A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
+
+from mjframes.base.errors import MjframesError, Notice
+from mjframes.cli.arguments import command_line
+
+if TYPE_CHECKING:
+    from mjframes.body.options import Paper
+    from mjframes.body.soft_body import SoftBody
+    from mjframes.volume.volume import Volume
+    from mjframes.weights.weights import Weights
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    try:
+        with _terminable():
+            arguments = command_line(COMMANDS).parse_args(argv)
+            status = arguments.command(arguments)
+            sys.stdout.flush()
+            return status
+    except MjframesError as error:
+        print(f"mjframes: {error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        reason = f" ({error})" if str(error) else ""
+        print(
+            f"mjframes: there is not enough memory{reason}; take fewer voxels, as with --voxels, or fewer frames.",
+            file=sys.stderr,
+        )
+        return 2
+    except OSError as error:
+        what = "the results cannot be printed" if error.filename is None else f"{error.filename}: it cannot be used"
+        if error.filename is None:  # it is no file but stdout
+            _discard_stdout()
+        print(f"mjframes: {what} ({error.strerror or error}).", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("mjframes: interrupted.", file=sys.stderr)
+        return 130
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Lets SIGTERM end what runs in this block as an exception does, so that no half-written file stays."""
+
+    def leave(number: int, frame: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():  # only that one may set a handler
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _discard_stdout() -> None:
+    """Lets what is still in stdout's buffer go nowhere: Python would complain of it once more at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def build(arguments: argparse.Namespace) -> int:
+    """Label image, meshes or soft body in, soft body (.npz) or scene (.xml) out."""
+    output = Path(arguments.output)
+    if output.suffix.lower() not in (".npz", ".xml"):
+        raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
+    if output.suffix.lower() == ".npz" and (arguments.into or arguments.fragment):
+        raise MjframesError(f"{output}: --into and --fragment write MJCF; give the output the ending .xml.")
+    import mujoco
+    from rich.console import Console
+
+    from mjframes.base.files import replacing
+    from mjframes.body.soft_body import is_soft_body
+    from mjframes.scene.scene_file import fragment, scene_with, standalone_scene, write_scene
+
+    start = time.perf_counter()
+    console = Console(stderr=True)
+    with replacing(output, "the output") as partial, console.status("reading") as status:
+        built = any(map(is_soft_body, arguments.volume))
+        body = _loaded(arguments) if built else _built(arguments, status.update)
+        status.update("writing")
+        try:
+            if arguments.into:
+                spec = scene_with(
+                    body, arguments.into, arguments.name, arguments.parent, arguments.pos, arguments.contact
+                )
+            elif arguments.fragment:
+                spec = fragment(body, arguments.name, arguments.contact)
+            else:
+                spec = standalone_scene(body, body.fields.volume, arguments.name, arguments.contact)
+            model = spec.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            if isinstance(error, MjframesError):
+                raise
+            raise MjframesError(f"MuJoCo cannot compile the soft body ({' '.join(str(error).split())}).") from error
+        if output.suffix.lower() == ".npz":
+            body.save(str(partial))
+        else:
+            write_scene(spec, partial)
+    print(
+        f"{output}: {len(body.parent)} frames, {len(body.stiffness.points)} regions, {body.voxels} voxels, "
+        f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
+    )
+    if body.error:
+        print(f"error: {body.error}")
+    return 0
+
+
+def _loaded(arguments: argparse.Namespace) -> SoftBody:
+    """The soft body that is given.  Raises MjframesError for what does not go with it."""
+    from mjframes.body.soft_body import SoftBody
+
+    path = arguments.volume[0]
+    if len(arguments.volume) > 1:
+        raise MjframesError(f"{arguments.volume[1]}: there is more than one file beside a soft body; give that alone.")
+    if changed := [name for name, default in arguments.building.items() if getattr(arguments, name) != default]:
+        raise MjframesError(
+            f"{path}: this is a soft body, built already, to which --{changed[0].replace('_', '-')} does nothing; "
+            "leave that out, or build from the volume or meshes again."
+        )
+    if Path(arguments.output).suffix.lower() == ".npz":
+        raise MjframesError(f"{path}: this is a soft body already; give the output the ending .xml, for a scene of it.")
+    return SoftBody.load(path)
+
+
+def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> SoftBody:
+    """The soft body made of the volume or the meshes that are given."""
+    from mjframes.body.build import build as build_body
+    from mjframes.cli.inputs import METRES, Materials, parse_fill, parse_materials, read_materials, read_volume
+
+    materials = read_materials(arguments.materials) if arguments.materials else Materials()
+    materials = Materials(
+        materials.by_label | parse_materials(arguments.material),
+        parse_fill(arguments.fill) if arguments.fill else materials.fill,
+    )
+    with printed_notices():
+        volume = read_volume(
+            arguments.volume,
+            materials,
+            spacing=arguments.spacing,
+            voxels=arguments.voxels,
+            scale=METRES[arguments.unit] if arguments.unit else arguments.scale,
+            drop_unknown=arguments.drop_unknown,
+            up=arguments.up,
+        )
+    if arguments.largest:
+        volume = largest_piece(volume)
+    return build_body(
+        volume,
+        frames=arguments.frames or (None if arguments.error else 3),
+        error=arguments.error,
+        seed=arguments.seed,
+        frame_type=arguments.frame_type,
+        weights=_weights(arguments),
+        method=_method(arguments),
+        law=arguments.law,
+        mass=arguments.mass,
+        mode=arguments.mode,
+        damping=arguments.damping,
+        progress=progress,
+    )
+
+
+def _method(arguments: argparse.Namespace) -> str | Paper:
+    """The way to the stiffness. Raise MjframesError for samples that belong to another."""
+    from mjframes.body.options import PAPER, Paper
+
+    if arguments.samples is None:
+        return arguments.method
+    if arguments.method != PAPER:
+        raise MjframesError(
+            "--samples is given, but the whole body's stiffness has one region a frame; leave it out, or choose "
+            f"--method {PAPER}."
+        )
+    return Paper(arguments.samples)
+
+
+def _weights(arguments: argparse.Namespace) -> str | Weights:
+    """The frames' weights. Raise MjframesError for subdivisions of those that have none."""
+    from mjframes.weights.weights import Voronoi
+
+    if arguments.subdivisions is None:
+        return arguments.weights
+    if arguments.weights != "voronoi":
+        raise MjframesError("--subdivisions is given, but only --weights voronoi has any; leave it out.")
+    return Voronoi(arguments.subdivisions)
+
+
+def inspect(arguments: argparse.Namespace) -> int:
+    """Soft body in, pictures of what was precomputed out."""
+    from rich.console import Console
+
+    from mjframes.app.inspect import draw_pictures
+    from mjframes.body.soft_body import SoftBody
+
+    start = time.perf_counter()
+    asset = Path(arguments.asset)
+    folder = Path(arguments.output) if arguments.output else asset.with_name(f"{asset.stem}-pictures")
+    body = SoftBody.load(str(asset))
+    with Console(stderr=True).status("drawing") as status:
+        written = draw_pictures(body, folder, asset.name, lambda picture: status.update(f"drawing {picture}"))
+    print(f"{folder}: {len(written)} pictures, {time.perf_counter() - start:.1f} s")
+    return 0
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Step a scene; write video, log and plot; print what was measured."""
+    from mjframes.app.recording import summary
+    from mjframes.app.run import record
+    from mjframes.scene.load import load_scene
+
+    model, spec = load_scene(arguments.scene)
+    recording = record(
+        model,
+        arguments.duration,
+        video=arguments.video,
+        log=arguments.log,
+        plot=arguments.plot,
+        camera=arguments.camera,
+        fps=arguments.fps,
+        size=arguments.size,
+        scene=spec.to_xml() if arguments.log else "",
+        progress=True,
+    )
+    print(summary(recording))
+    return 0
+
+
+def view(arguments: argparse.Namespace) -> int:
+    """Open MuJoCo's viewer."""
+    from mjframes.app.video import has_display
+    from mjframes.scene.load import load_scene
+
+    model, _ = load_scene(arguments.scene)
+    if not has_display():
+        raise MjframesError("there is no display to open a window on; use mjframes run SCENE --video FILE.mp4 instead.")
+    import mujoco.viewer
+
+    mujoco.viewer.launch(model)
+    return 0
+
+
+def report(arguments: argparse.Namespace) -> int:
+    """Measure error and run time against finite elements and flex."""
+    from rich.console import Console
+
+    from mjframes.benchmarks.report import write_report
+
+    start = time.perf_counter()
+    folder = Path(arguments.output)
+    with Console(stderr=True).status("starting") as status:
+        write_report(folder, arguments.quick, arguments.mujoco4, dict(arguments.model), status.update)
+    print(f"{folder / 'report.md'}: {time.perf_counter() - start:.0f} s")
+    return 0
+
+
+def doctor(arguments: argparse.Namespace) -> int:
+    """Print what is installed and whether it works."""
+    from mjframes.app.doctor import main as examine
+
+    return examine()
+
+
+def bench(arguments: argparse.Namespace) -> int:
+    """Measure precomputation and steps."""
+    from mjframes.benchmarks import bench as benchmark
+
+    if arguments.growth:
+        benchmark.main_of_growth(arguments.growth)
+    elif arguments.file:
+        benchmark.main_of_file(arguments.file, arguments.count, arguments.frames)
+    else:
+        benchmark.main()
+    return 0
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Run bodies through extreme states; print and write what became of them."""
+    if arguments.abuse:
+        from mjframes.benchmarks.check.abuse import main as abuse
+
+        return abuse(arguments.abuse, arguments.seed)
+    from mjframes.benchmarks.check import main as try_out
+
+    return try_out(Path(arguments.out), arguments.quick)
+
+
+def largest_piece(volume: Volume) -> Volume:
+    """The volume without its smaller pieces; prints how much that is."""
+    largest = volume.largest_component()
+    voxels, kept = (int((v.labels != 0).sum()) for v in (volume, largest))
+    if kept < voxels:
+        print(
+            f"mjframes: {voxels - kept} of {voxels} voxels, not connected to the others, are dropped.", file=sys.stderr
+        )
+    return largest
+
+
+@contextmanager
+def printed_notices() -> Iterator[None]:
+    """Prints the notices given in this block, a line each, and leaves other warnings alone."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", Notice)
+        try:
+            yield
+        finally:
+            notices = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
+    for notice in notices:
+        print(f"mjframes: {notice}", file=sys.stderr)
+
+
+COMMANDS = {
+    "build": build,
+    "inspect": inspect,
+    "run": run,
+    "view": view,
+    "bench": bench,
+    "report": report,
+    "check": check,
+    "doctor": doctor,
+}

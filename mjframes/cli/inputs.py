@@ -1,0 +1,228 @@
+"""What `mjframes build` reads: label images or meshes, and materials from flags or a YAML file.
+
+1: {name: flesh, young: 3e4, poisson: 0.45, density: 1050, rgba: [0.8, 0.3, 0.3]}   # label 1, or the first mesh
+2: {name: bone, rigid: true, density: 1900}
+fill: {name: fat, young: 1e4, poisson: 0.45, density: 920}   # the rest of the convex hull
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mjframes.base.errors import MjframesError, Notice
+from mjframes.volume.material import Material
+from mjframes.volume.meshes import MESH_TYPES
+from mjframes.volume.volume import VOXELS, Volume, occurring
+
+METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+
+
+class _Repeated(yaml.YAMLError):
+    """A key that a mapping has twice."""
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML whose mappings have each key once: of two entries PyYAML would take the later one without a word."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[object] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable):  # the others are refused by PyYAML
+                if key in seen:
+                    line = key_node.start_mark.line + 1
+                    raise _Repeated(f"{key!r} stands there twice, again in line {line}; leave one of them out.")
+                seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+@dataclass(frozen=True)
+class Materials:
+    """Materials by label (a mesh's label is its place, from 1 on), and of the rest of the hull, None for nothing."""
+
+    by_label: dict[int, Material] = field(default_factory=dict)
+    fill: Material | None = None
+
+
+def read_volume(
+    files: Sequence[str],
+    materials: Materials,
+    *,
+    spacing: Sequence[float] | None,
+    voxels: int | None,
+    scale: float | None,
+    drop_unknown: bool = False,
+    up: str = "z",
+) -> Volume:
+    """The volume in one label image, or in one or more meshes, each with the material of its place.
+
+    spacing: (3,) [m].  voxels: about how many to have inside.  scale: [m] that a unit of the meshes is long.
+    drop_unknown: an image's labels without a material are outside.  up: axis of the file that points up.
+    Warns (Notice) of what is chosen where nothing is given.
+    Raises MjframesError for what cannot be read or does not go together.
+    """
+    is_mesh = [Path(file).suffix.lower() in MESH_TYPES for file in files]
+    if not any(is_mesh):
+        return _read_image(files, materials, spacing, voxels, scale, drop_unknown, up)
+    if drop_unknown:
+        raise MjframesError(f"{files[0]}: --drop-unknown is for label images; every mesh needs a material.")
+    if not all(is_mesh):
+        other = files[is_mesh.index(False)]
+        raise MjframesError(f"{other}: meshes are given and this is none; give either one label image or meshes.")
+    labels = range(1, len(files) + 1)
+    if missing := [label for label in labels if label not in materials.by_label]:
+        each = ", ".join(f"{files[label - 1]}: mesh {label} has no material" for label in missing)
+        flags = " ".join(f"--material {label}=NAME:…" for label in missing)
+        raise MjframesError(f"{each}; give one with {flags} or --materials FILE.")
+    if unused := sorted(set(materials.by_label) - set(labels)):
+        raise MjframesError(
+            f"material {unused[0]} has no mesh; there are {len(files)}, numbered from 1 in their order."
+        )
+    pairs = [(file, materials.by_label[label]) for file, label in zip(files, labels, strict=True)]
+    if spacing is None and voxels is None:
+        warnings.warn(
+            f"about {VOXELS} voxels are made; choose with --spacing METRES or --voxels N.", Notice, stacklevel=2
+        )
+    return Volume.from_meshes(
+        pairs, spacing, voxels=voxels, fill=materials.fill, scale=1.0 if scale is None else scale, up=up
+    )
+
+
+def read_materials(path: str) -> Materials:
+    """The materials in a YAML file.  Raises MjframesError if it is missing or says something else."""
+    try:
+        entries = yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise MjframesError(f"{path}: the materials cannot be read ({getattr(error, 'strerror', error)}).") from error
+    except _Repeated as error:
+        raise MjframesError(f"{path}: {error}") from error
+    except yaml.YAMLError as error:
+        raise MjframesError(f"{path}: this is no YAML ({' '.join(str(error).split())}).") from error
+    if not isinstance(entries, Mapping) or not entries:
+        raise MjframesError(
+            f"{path}: it holds no materials; they are lines like 1: {{young: 3e4, poisson: 0.45, density: 1050}}."
+        )
+    by_label: dict[int, Material] = {}
+    fill = None
+    for label, values in entries.items():
+        where = f"{path}: material {label}"
+        if label != "fill" and (not isinstance(label, int) or isinstance(label, bool) or label < 1):
+            raise MjframesError(f"{where} must be called by a label from 1 on or 'fill'.")
+        if not isinstance(values, Mapping):
+            raise MjframesError(f"{where} is {values!r}; it must be like {{young: 3e4, poisson: 0.45, density: 1050}}.")
+        if label == "fill":
+            fill = _material(where, values)
+        else:
+            by_label[label] = _material(where, values)
+    return Materials(by_label, fill)
+
+
+def parse_materials(texts: Sequence[str]) -> dict[int, Material]:
+    """Materials by label, each from what `parse_material` takes.  Raises MjframesError for a label that comes twice."""
+    found: dict[int, Material] = {}
+    for text in texts:
+        label, material = parse_material(text)
+        if label in found:
+            raise MjframesError(f"--material {text!r} is the second one for label {label}; give each label once.")
+        found[label] = material
+    return found
+
+
+def parse_material(text: str) -> tuple[int, Material]:
+    """(label, material) from "1=flesh:young=3e4,poisson=0.45,density=1050" or "2=bone:rigid,density=1900".
+
+    The name is optional; rgba=0.8/0.3/0.3/1 sets the colour, the opacity may be left out.
+    Raises MjframesError for anything else.
+    """
+    head, _, tail = text.partition(":")
+    label, _, name = head.partition("=")
+    if not label.strip().isdecimal() or int(label) < 1:
+        raise MjframesError(f"--material {text!r} has no label from 1 on; write LABEL=NAME:KEY=VALUE,….")
+    return int(label), _parse(f"--material {text!r}", name, tail)
+
+
+def parse_fill(text: str) -> Material:
+    """The material from "flesh:young=3e4,poisson=0.45,density=1050".  Raises MjframesError for anything else."""
+    name, _, tail = text.partition(":")
+    return _parse(f"--fill {text!r}", name, tail)
+
+
+def _parse(where: str, name: str, tail: str) -> Material:
+    values: dict[str, Any] = {"name": name.strip()}
+    for entry in filter(None, map(str.strip, tail.split(","))):
+        key, equals, value = (part.strip() for part in entry.partition("="))
+        if values.get(key):
+            raise MjframesError(f"{where} has {key} twice; give it once.")
+        values[key] = True if key == "rigid" and not equals else value
+    if isinstance(values.get("rgba"), str):
+        values["rgba"] = values["rgba"].split("/")
+    return _material(where, values)
+
+
+def _material(where: str, values: Mapping[Any, Any]) -> Material:
+    rigid = values.get("rigid", False)
+    wanted = {"density"} if rigid else {"young", "poisson", "density"}
+    given = set(values) - {"name", "rgba", "rigid"}
+    if given != wanted or not isinstance(rigid, bool):
+        raise MjframesError(
+            f"{where} has {', '.join(sorted(map(str, given))) or 'no values'}; it needs young [Pa], poisson and "
+            "density [kg/m³], or rigid and density."
+        )
+    name = str(values.get("name") or "")
+    try:
+        numbers = {key: _number(values[key]) for key in wanted}
+        rgba = tuple(map(_number, values.get("rgba", ())))
+        if len(rgba) not in (0, 3, 4):
+            raise ValueError(rgba)
+    except (TypeError, ValueError) as error:
+        raise MjframesError(f"{where} has a value that is no number; colours are three or four numbers.") from error
+    try:
+        if rigid:
+            material = Material.rigid(numbers["density"], name=name)
+        else:
+            material = Material(numbers["young"], numbers["poisson"], numbers["density"], name=name)
+        if not rgba:
+            return material
+        red, green, blue, alpha = (*rgba, 1.0)[:4]
+        return replace(material, rgba=(red, green, blue, alpha))
+    except MjframesError as error:
+        raise MjframesError(f"{where}: {error}") from error
+
+
+def _number(value: object) -> float:
+    """From a number or its text: YAML reads 3e4 as text."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise ValueError(value)
+    return float(value)
+
+
+def _read_image(
+    files: Sequence[str],
+    materials: Materials,
+    spacing: Sequence[float] | None,
+    voxels: int | None,
+    scale: float | None,
+    drop_unknown: bool,
+    up: str,
+) -> Volume:
+    if len(files) > 1:
+        raise MjframesError(f"{files[1]}: there is more than one label image; give one, or meshes.")
+    if scale is not None:
+        raise MjframesError(f"{files[0]}: --unit and --scale are for meshes; set an image's voxel size with --spacing.")
+    volume = Volume.load(
+        files[0], spacing=spacing, materials=materials.by_label or None, drop_unknown=drop_unknown, crop=True, up=up
+    )
+    if unused := sorted(set(materials.by_label) - set(occurring(volume.labels))):
+        raise MjframesError(
+            f"{files[0]}: material {unused[0]} is given, but no voxel has this label; the labels are "
+            f"{', '.join(map(str, occurring(volume.labels)))}."
+        )
+    if materials.fill is not None:
+        volume = volume.filled(materials.fill)
+    return volume if voxels is None else volume.resample(voxels)

@@ -1,0 +1,281 @@
+"""Regions: sets of voxels that the same frames influence, split where their weights are least linear (the paper, §5.3).
+
+Weights inside a region are compared with their least-squares fit w_i ≈ a_i + b_i · p; its squared residuals follow from
+the moments Σ x xᵀ, Σ x wᵀ, Σ w wᵀ with x = (1, p). The region with the largest sum of them is cut in two through its
+centroid, across its longest principal axis, until there are as many regions as samples. Where there are more sets of
+frames than samples, the smallest region joins the one that gains the fewest frames by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mjframes.base.errors import MjframesError
+from mjframes.base.threads import in_parallel
+from mjframes.volume.grid import Grid
+from mjframes.weights.weights import frame_count
+
+LINEAR_FIT = 1e-6  # [-] rms residual of weights that need no further cut: rounding leaves about 1e-8
+FLAT = 1e-9  # [-] relative second moment below which a region has no extent in a direction
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """r regions. label: (n,) int32, the region of each voxel.  frames: the frames of each, ascending.
+    fit_error: (r,) rms over its voxels of the norm of the weights' residuals from their linear fit.
+    """
+
+    label: NDArray[np.int32]
+    frames: tuple[tuple[int, ...], ...]
+    fit_error: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A region under construction: its voxels, its centroid in the grid's axes [m], and the fit of its weights."""
+
+    voxels: NDArray[np.int32]
+    center: NDArray[np.float64]
+    residual: float
+    axis: NDArray[np.float64]
+
+    @property
+    def fit_error(self) -> float:
+        return float(np.sqrt(self.residual / len(self.voxels)))
+
+
+def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Regions:
+    """At most `samples` regions; fewer if the weights (n, f) are linear in all of them before that number is reached.
+
+    Raises MjframesError for samples < 1.
+    """
+    if not isinstance(samples, (int, np.integer)) or samples < 1:
+        raise MjframesError(f"samples is {samples!r}; it must be an integer ≥ 1, the number of regions.")
+    label, sets = frame_sets(weights)
+    label, sets = _without_films(grid, label, sets)
+    if len(sets) > samples:
+        label, sets = _merge(grid, label, sets, samples)
+    frames = [tuple(np.flatnonzero(row).tolist()) for row in sets]
+    parts = list(in_parallel(lambda voxels: _part(grid, weights, voxels), members_of(label, len(sets))))
+    worst_first = [(-part.residual, e) for e, part in enumerate(parts) if part.fit_error > LINEAR_FIT]
+    heapify(worst_first)
+    while len(parts) < samples and worst_first:
+        e = heappop(worst_first)[1]
+        halves = [_part(grid, weights, voxels) for voxels in _halves(grid, parts[e])]
+        parts[e] = halves[0]
+        parts.append(halves[1])
+        frames.append(frames[e])
+        for number, half in zip((e, len(parts) - 1), halves, strict=True):
+            if half.fit_error > LINEAR_FIT:
+                heappush(worst_first, (-half.residual, number))
+    for e, part in enumerate(parts):
+        label[part.voxels] = e
+    return Regions(label, tuple(frames), np.array([p.fit_error for p in parts]))
+
+
+def renumbered(regions: Regions, order: NDArray[np.integer]) -> Regions:
+    """The same with frame order[i] called i."""
+    number = np.argsort(order)
+    return replace(regions, frames=tuple(tuple(sorted(int(number[i]) for i in some)) for some in regions.frames))
+
+
+def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]]:
+    """The voxels of each region, ascending."""
+    ends = np.cumsum(np.bincount(label, minlength=regions))
+    voxels = np.empty(len(label), np.int32)
+    _sort_by_label(label, ends - np.bincount(label, minlength=regions), voxels)
+    return np.split(voxels, ends[:-1])
+
+
+def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """The number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f) of weights (n, f)."""
+    label = np.empty(len(weights.indptr) - 1, np.int32)
+    first = _number_sets(weights.indptr, weights.indices, label)
+    return label, weights[first].toarray() > 0
+
+
+def fit_errors(grid: Grid, weights: sparse.csr_array, label: NDArray[np.int32], regions: int) -> NDArray[np.float64]:
+    """Return `Regions.fit_error` (r,) of weights (n, f) in the regions (n,) of the voxels, 0 in empty ones."""
+    parts = (_part(grid, weights, voxels) if len(voxels) else None for voxels in members_of(label, regions))
+    return np.array([part.fit_error if part else 0.0 for part in parts])
+
+
+def _without_films(
+    grid: Grid, label: NDArray[np.int32], sets: NDArray[np.bool_]
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Without soft voxels of one frame alone that are but one voxel thick along an axis: those join a neighbour's set.
+
+    A frame's seed of one voxel is the top of its hat. As a region of its own it would be as wide as a voxel, and flat.
+    """
+    frame = np.where(sets.sum(axis=1) == 1, sets.argmax(axis=1), -1).astype(np.int32)
+    joined = _join_films(grid.index, grid.padded, grid.piece, label, frame, sets)
+    kept, number = np.unique(joined, return_inverse=True)
+    return number.astype(np.int32).ravel(), sets[kept]
+
+
+def _part(grid: Grid, weights: sparse.csr_array, voxels: NDArray[np.int32]) -> _Part:
+    """The linear fit of the weights of some voxels, and their longest principal axis."""
+    mean = grid.index[voxels].mean(axis=0)
+    column = np.full(frame_count(weights), -1, np.int64)
+    square, product, spread = _moments(grid.index, voxels, mean, weights.indptr, weights.indices, weights.data, column)
+    extent, axes = np.linalg.eigh(square * np.outer(grid.spacing, grid.spacing))
+    across = extent > FLAT * extent[-1]
+    slope = axes[:, across].T @ (product * grid.spacing[:, None]) / np.sqrt(extent[across])[:, None]
+    residual = float(max(0.0, spread - np.sum(slope**2)))
+    longest = axes[:, -1] * np.sign(axes[np.argmax(np.abs(axes[:, -1])), -1])
+    return _Part(voxels, mean, residual, longest)
+
+
+def _halves(grid: Grid, part: _Part) -> list[NDArray[np.int32]]:
+    far = (grid.index[part.voxels] - part.center) @ (grid.spacing * part.axis) > 0
+    return [part.voxels[~far], part.voxels[far]]
+
+
+def _merge(
+    grid: Grid, label: NDArray[np.int32], sets: NDArray[np.bool_], samples: int
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Fewer sets: the smallest joins the one that gains the fewest frames, of those the nearest."""
+    sets = sets.copy()
+    size = np.bincount(label).astype(float)
+    center = np.stack([np.bincount(label, weights=grid.index[:, a]) for a in range(3)], axis=1) / size[:, None]
+    center *= grid.spacing
+    into = np.arange(len(size))
+    for _ in range(len(size) - samples):
+        small = int(np.argmin(size))
+        gained = (sets[small] & ~sets).sum(axis=1).astype(float)
+        gained[~np.isfinite(size)] = np.inf
+        gained[small] = np.inf
+        near = np.flatnonzero(gained == gained.min())
+        target = near[np.argmin(np.sum((center[near] - center[small]) ** 2, axis=1))]
+        total = size[target] + size[small]
+        center[target] += (center[small] - center[target]) * (size[small] / total)
+        size[target], size[small] = total, np.inf  # inf: gone
+        sets[target] |= sets[small]
+        into[into == small] = target
+    kept, number = np.unique(into, return_inverse=True)
+    return number.astype(np.int32)[label], sets[kept]
+
+
+@njit(cache=True, nogil=True)
+def _join_films(index, padded, piece, label, frame, sets):
+    joined = label.copy()
+    for v in range(len(label)):
+        i = frame[label[v]]
+        if i < 0 or piece[v] >= 0:
+            continue
+        x, y, z = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
+        for axis in range(3):
+            target, thin = np.int32(-1), True
+            for side in (-1, 1):
+                n = padded[x + side * (axis == 0), y + side * (axis == 1), z + side * (axis == 2)]
+                if n >= 0:
+                    thin &= label[n] != label[v]
+                    if target < 0 and sets[label[n], i]:
+                        target = label[n]
+            if thin and target >= 0:
+                joined[v] = target
+                break
+    return joined
+
+
+@njit(cache=True, nogil=True)
+def _sort_by_label(label, begin, voxels):
+    for v in range(len(label)):
+        voxels[begin[label[v]]] = v
+        begin[label[v]] += 1
+
+
+@njit(cache=True, nogil=True)
+def _number_sets(indptr, indices, label):
+    """Numbers the rows' sets of columns; the first row of each."""
+    slots = 1024
+    number = np.full(slots, -1, np.int64)
+    first, count = np.empty(512, np.int64), 0
+    for v in range(len(label)):
+        low, high = indptr[v], indptr[v + 1]
+        if v > 0 and _same(indices, indptr[first[label[v - 1]]], indptr[first[label[v - 1]] + 1], low, high):
+            label[v] = label[v - 1]
+            continue
+        at = _hash(indices, low, high) & (slots - 1)
+        while number[at] >= 0 and not _same(
+            indices, indptr[first[number[at]]], indptr[first[number[at]] + 1], low, high
+        ):
+            at = (at + 1) & (slots - 1)
+        if number[at] < 0:
+            number[at] = count
+            first[count] = v
+            count += 1
+        label[v] = number[at]
+        if count == len(first):  # half full
+            first = np.concatenate((first, np.empty(count, np.int64)))
+            slots *= 2
+            number = np.full(slots, -1, np.int64)
+            for e in range(count):
+                at = _hash(indices, indptr[first[e]], indptr[first[e] + 1]) & (slots - 1)
+                while number[at] >= 0:
+                    at = (at + 1) & (slots - 1)
+                number[at] = e
+    return first[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _same(indices, low, high, other_low, other_high):
+    if high - low != other_high - other_low:
+        return False
+    k = low
+    while k < high and indices[k] == indices[other_low + k - low]:
+        k += 1
+    return k == high
+
+
+@njit(cache=True, nogil=True)
+def _hash(indices, low, high):
+    mixed = np.uint64(high - low)
+    for k in range(low, high):
+        mixed = (mixed ^ np.uint64(indices[k])) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    return np.int64(mixed >> np.uint64(8))
+
+
+@njit(cache=True, nogil=True)
+def _moments(index, voxels, mean, indptr, indices, data, column):
+    """Σ x xᵀ, Σ x w_iᵀ and Σ_i Σ (w_i − its mean)², x the voxels' indices relative to their mean.
+
+    column: (f,) all −1; frames get one in the order in which they occur.
+    """
+    frames = 0
+    total, count = np.zeros(len(column)), np.zeros(len(column))
+    for v in voxels:
+        for e in range(indptr[v], indptr[v + 1]):
+            i = column[indices[e]]
+            if i < 0:
+                i = column[indices[e]] = frames
+                frames += 1
+            total[i] += data[e]
+            count[i] += 1
+    total /= len(voxels)
+    square, product, spread = np.zeros((3, 3)), np.zeros((3, frames)), 0.0
+    for v in voxels:
+        x, y, z = index[v, 0] - mean[0], index[v, 1] - mean[1], index[v, 2] - mean[2]
+        square[0, 0] += x * x
+        square[1, 0] += y * x
+        square[1, 1] += y * y
+        square[2, 0] += z * x
+        square[2, 1] += z * y
+        square[2, 2] += z * z
+        for e in range(indptr[v], indptr[v + 1]):
+            i, w = column[indices[e]], data[e]
+            product[0, i] += x * w
+            product[1, i] += y * w
+            product[2, i] += z * w
+            spread += (w - total[i]) ** 2
+    for i in range(frames):
+        spread += (len(voxels) - count[i]) * total[i] ** 2
+    square[0, 1], square[0, 2], square[1, 2] = square[1, 0], square[2, 0], square[2, 1]
+    return square, product, spread

@@ -1,0 +1,217 @@
+"""A coarser graph for the compliance distance: clusters of voxels in place of voxels (the paper, §4.4, made fast).
+
+A cluster is what lies in one block of s³ cells, is of one material and connected within the block (26 neighbours). So
+neither a gap nor a thin sheet of another material disappears, however large s. An edge costs the distance of two
+clusters' centroids times the mean of their compliances; for s = 1 these are the edges of the voxel graph.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mjframes.frames.distance import edge_costs
+from mjframes.volume.grid import Grid, root_of
+
+
+class ClusterGraph(NamedTuple):
+    """c clusters of n voxels.
+
+    cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  middle: (c, 3) mean voxel index.  compliance: (c,) [1/Pa].
+    start: (c + 1,), neighbour, cost: the edges of cluster a are start[a]:start[a + 1], in [m/Pa].
+    """
+
+    cluster: NDArray[np.int32]
+    size: NDArray[np.int64]
+    middle: NDArray[np.float64]
+    compliance: NDArray[np.float64]
+    start: NDArray[np.int64]
+    neighbour: NDArray[np.int32]
+    cost: NDArray[np.float64]
+
+
+def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
+    """The graph of clusters in blocks of `block`³ cells, 1 for one cluster a voxel."""
+    n = len(grid.index)
+    cluster = np.arange(n, dtype=np.int32)
+    count = _join(grid.index, grid.padded, grid.material, block, cluster) if block > 1 else n
+    size, middle, material = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count, np.int64)
+    _sum_up(grid.index, grid.material, cluster, size, middle, material)
+    compliance = grid.per_material("compliance")[material]
+    first, second = _pairs(grid.index, grid.padded, cluster)
+    lengths = np.linalg.norm((middle[second] - middle[first]) * grid.spacing, axis=1)
+    start, neighbour, cost = _rows(count, first, second, edge_costs(lengths, compliance[first], compliance[second]))
+    return ClusterGraph(cluster, size, middle, compliance, start, neighbour, cost)
+
+
+@njit(cache=True, nogil=True)
+def improve(graph, sources, distance, label):
+    """Dijkstra's algorithm in place, from `sources` whose distance and label are new; ties go to the smaller label."""
+    heap = np.empty(len(distance), np.int32)
+    place = np.full(len(distance), -1, np.int32)  # where a cluster is in the heap; −1: not in it
+    size = 0
+    for u in sources:
+        if place[u] < 0:
+            place[u] = size
+            size += 1
+        _raise(heap, place, place[u], u, distance, label)
+    while size > 0:
+        u = heap[0]
+        size -= 1
+        place[u] = -1
+        if size > 0:
+            _lower(heap, size, place, heap[size], distance, label)
+        for e in range(graph.start[u], graph.start[u + 1]):
+            v = graph.neighbour[e]
+            d = distance[u] + graph.cost[e]
+            if d < distance[v] or (d == distance[v] and label[u] < label[v]):
+                distance[v], label[v] = d, label[u]
+                if place[v] < 0:
+                    place[v] = size
+                    size += 1
+                _raise(heap, place, place[v], v, distance, label)
+
+
+@njit(cache=True, nogil=True)
+def _before(u, v, distance, label):
+    return distance[u] < distance[v] or (distance[u] == distance[v] and label[u] < label[v])
+
+
+@njit(cache=True, nogil=True)
+def _raise(heap, place, hole, v, distance, label):
+    """Put cluster v into the hole of a 4-ary heap and lift it to its place."""
+    while hole > 0:
+        parent = (hole - 1) >> 2
+        if not _before(v, heap[parent], distance, label):
+            break
+        heap[hole] = heap[parent]
+        place[heap[hole]] = hole
+        hole = parent
+    heap[hole] = v
+    place[v] = hole
+
+
+@njit(cache=True, nogil=True)
+def _lower(heap, size, place, v, distance, label):
+    """Put cluster v into the hole at the top of a 4-ary heap of `size` entries and let it sink to its place."""
+    hole = 0
+    while True:
+        first = 4 * hole + 1
+        if first >= size:
+            break
+        best = first
+        for child in range(first + 1, min(first + 4, size)):
+            if _before(heap[child], heap[best], distance, label):
+                best = child
+        if not _before(heap[best], v, distance, label):
+            break
+        heap[hole] = heap[best]
+        place[heap[hole]] = hole
+        hole = best
+    heap[hole] = v
+    place[v] = hole
+
+
+@njit(cache=True, nogil=True)
+def _join(index, padded, material, block, cluster):
+    """The number of clusters; each voxel's, in the order of their first voxels."""
+    for v in range(len(cluster)):
+        a, b, c = index[v, 0], index[v, 1], index[v, 2]
+        low_a, low_b, low_c = a // block * block, b // block * block, c // block * block
+        for k in range(-1, 13):  # the neighbours before v, and before all of them the one that touches all others
+            x, y, z = a - 1, b, c
+            if k >= 0:
+                x, y, z = a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1
+            if x < low_a or y < low_b or z < low_c or y >= low_b + block or z >= low_c + block:
+                continue
+            u = padded[x + 1, y + 1, z + 1]
+            if u >= 0 and material[u] == material[v]:
+                first, second = root_of(cluster, u), root_of(cluster, v)
+                cluster[max(first, second)] = min(first, second)
+                if k < 0:
+                    break
+    count = 0
+    for v in range(len(cluster)):  # parents come before children, so they have their number already
+        if cluster[v] == v:
+            cluster[v] = count
+            count += 1
+        else:
+            cluster[v] = cluster[cluster[v]]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(index, material_of, cluster, size, mean, material):
+    for v in range(len(cluster)):
+        a = cluster[v]
+        size[a] += 1
+        material[a] = material_of[v]
+        for axis in range(3):
+            mean[a, axis] += index[v, axis]
+    for a in range(len(size)):
+        mean[a] /= size[a]
+
+
+@njit(cache=True, nogil=True)
+def _pairs(index, padded, cluster):
+    """The pairs of different clusters with adjacent voxels, each once, from a hash set."""
+    slots = 1 << 12
+    key = np.full(slots, -1, np.int64)
+    count = 0
+    for v in range(len(cluster)):
+        a, b, c = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
+        last = np.int64(-1)
+        for k in range(13):
+            u = padded[a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1]
+            if u < 0 or cluster[u] == cluster[v]:
+                continue
+            low, high = min(cluster[u], cluster[v]), max(cluster[u], cluster[v])
+            pair = np.int64(low) << 32 | np.int64(high)
+            if pair == last:
+                continue
+            last = pair
+            at = _hash(pair, slots)
+            while key[at] >= 0 and key[at] != pair:
+                at = (at + 1) & (slots - 1)
+            if key[at] == pair:
+                continue
+            key[at] = pair
+            count += 1
+            if 2 * count > slots:
+                larger = np.full(2 * slots, -1, np.int64)
+                for e in range(slots):
+                    if key[e] >= 0:
+                        at = _hash(key[e], 2 * slots)
+                        while larger[at] >= 0:
+                            at = (at + 1) & (2 * slots - 1)
+                        larger[at] = key[e]
+                key = larger
+                slots *= 2
+    pairs = np.sort(key[key >= 0])
+    return pairs >> 32, pairs & 0xFFFFFFFF
+
+
+@njit(cache=True, nogil=True)
+def _hash(pair, slots):
+    mixed = (pair ^ (pair >> 29)) * np.int64(0x1E3779B97F4A7C15)
+    return (mixed >> 20) & (slots - 1)
+
+
+@njit(cache=True, nogil=True)
+def _rows(count, first, second, cost):
+    """Both directions of each edge, by cluster."""
+    start = np.zeros(count + 1, np.int64)
+    for e in range(len(first)):
+        start[first[e] + 1] += 1
+        start[second[e] + 1] += 1
+    start = np.cumsum(start)
+    neighbour, costs = np.empty(start[-1], np.int32), np.empty(start[-1])
+    filled = start[:-1].copy()
+    for e in range(len(first)):
+        for u, v in ((first[e], second[e]), (second[e], first[e])):
+            neighbour[filled[u]], costs[filled[u]] = v, cost[e]
+            filled[u] += 1
+    return start, neighbour, costs

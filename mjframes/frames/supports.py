@@ -1,0 +1,72 @@
+"""Pieces of a volume that bodies of the scene hold: boundary conditions, exact as weights interpolate (§3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError
+from mjframes.volume.grid import Grid
+
+PARENT = ""  # as the name of a link: the body that the soft body is attached to
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """The voxels inside the volume where `mask` (nx, ny, nz) holds; they stand still in the parent body."""
+
+    mask: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """The voxels inside the volume where `mask` (nx, ny, nz) holds; they move with the scene's body `link`."""
+
+    link: str
+    mask: NDArray[np.bool_]
+
+
+Support = Fixed | Attached
+
+
+def supports_of(given: Support | Sequence[Support]) -> tuple[Support, ...]:
+    """Return the pieces, of which one may stand alone. Raise MjframesError for anything else."""
+    found: list[Support] = []
+    for number, piece in enumerate(given if isinstance(given, (list, tuple)) else [given]):
+        if not isinstance(piece, (Fixed, Attached)):
+            raise MjframesError(
+                f"supports has a {type(piece).__name__}; give one or more pieces, as [mf.Fixed(mask), "
+                'mf.Attached("forearm", mask)].'
+            )
+        if isinstance(piece, Attached) and not (isinstance(piece.link, str) and piece.link):
+            raise MjframesError(f"supports[{number}] has the link {piece.link!r}; give the name of a body.")
+        found.append(piece)
+    return tuple(found)
+
+
+def held_cores(grid: Grid, supports: Sequence[Support]) -> tuple[tuple[NDArray[np.int64], ...], tuple[str, ...]]:
+    """Return the voxels of each piece, with the whole of every rigid piece that it touches, and its link.
+
+    Raise MjframesError for masks of another shape, empty ones, and pieces that overlap.
+    """
+    cores = []
+    taken = np.zeros(len(grid.index), bool)
+    for number, piece in enumerate(supports):
+        name, mask = f"supports[{number}]", np.asarray(piece.mask)
+        if mask.shape != grid.lookup.shape or mask.dtype != bool:
+            raise MjframesError(
+                f"{name} has a mask of shape {mask.shape} and type {mask.dtype}; "
+                f"it must be boolean over the volume's {grid.lookup.shape} voxels."
+            )
+        chosen = mask[tuple(grid.index.T)]
+        chosen |= (grid.piece >= 0) & np.isin(grid.piece, grid.piece[chosen])
+        if not chosen.any():
+            raise MjframesError(f"{name} has a mask with no voxel inside the volume; it must have one or more.")
+        if (chosen & taken).any():
+            raise MjframesError(f"{name} overlaps an earlier piece; a voxel or rigid piece can be in one only.")
+        taken |= chosen
+        cores.append(np.flatnonzero(chosen))
+    return tuple(cores), tuple(PARENT if isinstance(piece, Fixed) else piece.link for piece in supports)

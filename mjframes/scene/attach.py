@@ -1,0 +1,236 @@
+"""A soft body as MJCF: a holder, in it nested bodies, one plugin instance, patch geoms, one skin a material.
+
+Each body carries control points (`carriers`). Those of moving frames are nested in the holder along the elimination
+tree, with qpos = 0 at rest; those of held frames hang on the bodies that hold them.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjframes.base.errors import MjframesError
+from mjframes.body.soft_body import SoftBody
+from mjframes.frames.supports import PARENT
+from mjframes.scene import links, plugin
+from mjframes.scene.carriers import Carrier, carriers, printable, printable_quaternion
+from mjframes.scene.contact import Contact
+from mjframes.scene.identity import remember
+from mjframes.scene.links import Pose
+from mjframes.scene.load import changed_masses
+from mjframes.scene.patch_geoms import add_patches, ordered_patches, use_plugin
+from mjframes.scene.plugin_text import SEPARATOR, configuration, instance_name
+from mjframes.scene.skins import add_skins
+from mjframes.scene.view import Soft, soft
+from mjframes.volume.material import is_number
+
+
+class BranchWarning(UserWarning):
+    """A soft body couples branches of the kinematic tree that MuJoCo's inertia matrix does not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """A soft body in a spec: its name, and what it was built as, which material points and frames need."""
+
+    name: str
+    body: SoftBody
+
+    def soft(self, model: mujoco.MjModel, data: mujoco.MjData) -> Soft:
+        """Return the view of it in a compiled model, see `mjframes.soft`."""
+        return soft(model, data, self.name, self.body)
+
+
+def attach(
+    spec: mujoco.MjSpec,
+    body: SoftBody,
+    name: str,
+    parent: str | mujoco.MjsBody | None = None,
+    *,
+    pos: Sequence[float] = (0.0, 0.0, 0.0),
+    quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    contact: bool | Contact = True,
+) -> Attachment:
+    """Put a soft body into a spec, below one of its bodies, and return what reads it back.
+
+    name: of the body that holds it all; what belongs to it is called name:something, so that no two soft bodies share
+    a name.
+    parent: a body of the spec or its name, the world unless given.
+    pos [m], quat: where the volume's coordinate system goes, in `parent`. Where that moves and nothing of the body is
+    held, it only starts there and floats free of it: it goes below the world.
+    contact: whether it collides with the scene's geoms and other soft bodies, or how; never with what holds it.
+    The poses at the reference configuration of bodies that pieces are attached to are those in which the soft body
+    rests; its frames then hang on the one of these bodies below most of the others.
+    Warn (BranchWarning) where such bodies are on several branches of the tree.
+    Raise MjframesError for a name that cannot be used, bodies that are not there, and where the plugin cannot be
+    loaded.
+    """
+    parent = _checked(spec, body, parent, contact)
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
+        raise MjframesError(f"name is {name!r}; use one or more letters, digits, '_', '-' or '.'.")
+    if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
+        raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
+    plugin.load()
+    place = _place(spec, body, parent, pos, quat)
+    carried = carriers(body, place.links)
+    # MuJoCo wants a prefix when it attaches: the first letter of the name, which makes the names come out right
+    prefix, local = name[0], name[1:]
+    own = mujoco.MjSpec()
+    own.activate_plugin(plugin.NAME)
+    instance = own.add_plugin(name=instance_name(name)[1:], plugin_name=plugin.NAME, active=True)
+    inner = own.worldbody.add_body(name=instance.name)
+    bodies = _add_bodies(inner, carried, place.bodies, name)
+    rank = _ranks(bodies, place)
+    patches = ordered_patches(body, carried, rank) if contact else []
+    order = [carried[c] for c in np.argsort(rank)]
+    instance.config = configuration(body, order, _branches(body, place, name), patches)
+    if patches:
+        parameters = contact if isinstance(contact, Contact) else Contact()
+        add_patches(own, body, carried, bodies, patches, parameters, name)
+    if not place.bodies:
+        add_skins(own, body, carried, local)
+    own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
+    try:
+        place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
+    except ValueError as error:
+        raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
+    inner.name = name  # of one letter it has a separator behind it
+    remember(body)
+    if place.bodies:  # with bones that the soft body's own spec does not have
+        add_skins(spec, body, carried, name)
+    return Attachment(name, body)
+
+
+def _checked(
+    spec: mujoco.MjSpec, body: SoftBody, parent: str | mujoco.MjsBody | None, contact: bool | Contact
+) -> mujoco.MjsBody:
+    """The parent. Raise MjframesError for arguments of other types, and for what the scene would do to the masses."""
+    if not isinstance(spec, mujoco.MjSpec):
+        raise MjframesError(f"spec is a {type(spec).__name__}; give the scene as an MjSpec, as MjSpec.from_file(path).")
+    if not isinstance(body, SoftBody):
+        raise MjframesError(f"body is a {type(body).__name__}; give the SoftBody that build or SoftBody.load returned.")
+    if not isinstance(contact, (bool, Contact)):
+        raise MjframesError(f"contact is {contact!r}; give True, False or a Contact.")
+    if parent is None or parent == "world":
+        holder = spec.worldbody
+    elif isinstance(parent, str):
+        if (holder := spec.body(parent)) is None:
+            known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
+            raise MjframesError(f"parent is {parent!r}, but the bodies of the scene are: {known}.")
+    elif not isinstance(holder := parent, mujoco.MjsBody):
+        raise MjframesError(f"parent is a {type(parent).__name__}; give a body of the scene, or its name.")
+    if links.path_of(holder)[-1] is not spec.worldbody:
+        raise MjframesError(f"parent is the body {holder.name!r} of another scene; give one of the spec's.")
+    changed = changed_masses(spec.compiler)
+    if changed:
+        raise MjframesError(f"the scene cannot hold a soft body: {changed}.")
+    return holder
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a soft body goes.
+
+    holder: the body that its frames hang on; pos, quat: of the volume's coordinate system in it.  links: pose of each
+    body that holds a frame, in the volume's coordinates.  bodies: those of them that are not the holder.
+    """
+
+    holder: mujoco.MjsBody
+    pos: list[float]
+    quat: list[float]
+    links: dict[str, Pose]
+    bodies: dict[str, mujoco.MjsBody]
+
+
+def _place(
+    spec: mujoco.MjSpec, body: SoftBody, parent: mujoco.MjsBody, pos: Sequence[float], quat: Sequence[float]
+) -> _Place:
+    named = sorted({link for link in body.links if link != PARENT})
+    if not body.links and links.moves(parent):
+        in_world = links.compose(links.pose_in_world(parent), links.pose(pos, quat))
+        return _Place(
+            spec.worldbody, printable(in_world[1]), printable_quaternion(links.quaternion(in_world[0])), {}, {}
+        )
+    if not named:
+        return _Place(parent, list(pos), list(quat), {PARENT: (np.eye(3), np.zeros(3))}, {})
+    bodies = {link: links.find_link(spec, link) for link in named}
+    if PARENT in body.links:
+        bodies[PARENT] = parent
+    holder = links.best_holder(parent, bodies.values())
+    in_holder = links.compose(
+        links.inverse(links.pose_in_world(holder)), links.compose(links.pose_in_world(parent), links.pose(pos, quat))
+    )
+    pos, quat = printable(in_holder[1]), printable_quaternion(links.quaternion(in_holder[0]))
+    to_volume = links.inverse(links.compose(links.pose_in_world(holder), links.pose(pos, quat)))
+    poses = {link: links.compose(to_volume, links.pose_in_world(other)) for link, other in bodies.items()}
+    return _Place(holder, pos, quat, poses, bodies)
+
+
+def _branches(body: SoftBody, place: _Place, name: str) -> np.ndarray:
+    """(k,) 0 for points that MuJoCo's inertia can couple to the moving frames', another number for each other link."""
+    branch = np.zeros(len(body.control.frame), int)
+    apart: dict[str, int] = {}
+    for i, link in enumerate(body.links):
+        other = place.bodies.get(link)
+        if other is None or other in links.path_of(place.holder) or links.is_static(other, place.holder):
+            continue
+        branch[body.control.frame == i] = apart.setdefault(link, len(apart) + 1)
+    if apart:
+        regions = sum(len(np.unique(branch[points])) > 1 for points in body.stiffness.points)
+        warnings.warn(
+            f"{name}: {regions} of {len(body.stiffness.points)} regions couple {', '.join(map(repr, apart))} to other "
+            f"branches of the kinematic tree than {place.holder.name!r}'s; their inertia in the step is enlarged, "
+            "their forces are exact.",
+            BranchWarning,
+            stacklevel=3,
+        )
+    return branch
+
+
+def _add_bodies(
+    inner: mujoco.MjsBody, carried: Sequence[Carrier], others: dict[str, mujoco.MjsBody], name: str
+) -> list[mujoco.MjsBody]:
+    bodies: list[mujoco.MjsBody] = []
+    alone = sum(bool(carrier.joints) for carrier in carried) == 1
+    for carrier in carried:
+        link = others.get(carrier.link) if carrier.joints == "" else None
+        outer = link or (bodies[carrier.parent] if carrier.parent >= 0 else inner)
+        own = f"{name if link else name[1:]}{SEPARATOR}{carrier.points[0]}"
+        child = outer.add_body(
+            name=own,
+            pos=carrier.offset,
+            explicitinertial=True,
+            ipos=[0, 0, 0],  # without it a saved model loses the masses
+            iquat=carrier.quat,
+            mass=carrier.mass,
+            inertia=carrier.inertia,
+        )
+        if carrier.joints and alone:
+            child.simple = False  # or MuJoCo keeps the diagonal of its inertia only
+        if carrier.joints:
+            for axis, letter in zip(np.eye(3), "xyz", strict=True):
+                child.add_joint(name=f"{own}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        if carrier.joints == "free":
+            child.add_joint(name=f"{own}_ball", type=mujoco.mjtJoint.mjJNT_BALL)
+        use_plugin(child, instance_name(name)[0 if link else 1 :])
+        bodies.append(child)
+    return bodies
+
+
+def _ranks(bodies: list[mujoco.MjsBody], place: _Place) -> np.ndarray:
+    """(c,) the place of each carrier's body among them all in the compiled model, which is depth first."""
+    if not place.bodies:
+        return np.arange(len(bodies))
+    everything = links.path_of(place.holder)[-1].find_all("body")
+    end = len(everything)  # the soft body's own come last below the holder
+    if place.holder in everything:
+        end = everything.index(place.holder) + len(place.holder.find_all("body"))
+    keys = [(everything.index(body), 0) if body in everything else (end, 1 + c) for c, body in enumerate(bodies)]
+    rank = np.empty(len(bodies), int)
+    rank[sorted(range(len(bodies)), key=lambda c: keys[c])] = np.arange(len(bodies))
+    return rank

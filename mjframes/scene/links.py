@@ -1,0 +1,101 @@
+"""The bodies of a scene that hold pieces of a soft body: their names, their order, their poses at the reference.
+
+A pose is (R, t) with p_outer = R p_inner + t. MuJoCo resolves orientations only when it compiles: each body and frame
+is compiled alone here, so that a scene needs not be complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from mjframes.base.errors import MjframesError
+
+Pose = tuple[np.ndarray, np.ndarray]  # (3, 3), (3,) [m]
+
+
+def find_link(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
+    """The body `name` of the spec. Raises MjframesError where there is none."""
+    body = spec.body(name)
+    if body is None:
+        known = ", ".join(repr(other.name) for other in spec.bodies if other.name) or "none"
+        raise MjframesError(f"attached names the body {name!r}, but the scene's bodies are: {known}.")
+    return body
+
+
+def path_of(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """The body and all that it hangs on, the world last."""
+    path = [body]
+    while path[-1].parent is not None:
+        path.append(path[-1].parent)
+    return path
+
+
+def best_holder(parent: mujoco.MjsBody, links: Iterable[mujoco.MjsBody]) -> mujoco.MjsBody:
+    """Of these bodies the one with the most of the links at and above it; `parent` of equals.
+
+    The frames hang on it: what is above them in the tree can be coupled to them in MuJoCo's inertia matrix.
+    """
+    links = list(links)
+    return max([parent, *links], key=lambda body: sum(link in path_of(body) for link in links))
+
+
+def is_static(link: mujoco.MjsBody, holder: mujoco.MjsBody) -> bool:
+    """Whether no joint stands between the link and the nearest body that it shares with the holder's path."""
+    shared = path_of(holder)
+    return all(not body.joints for body in path_of(link) if body not in shared)
+
+
+def moves(body: mujoco.MjsBody) -> bool:
+    """Whether it is on a kinematic tree or a mocap body."""
+    return any(outer.joints or outer.mocap for outer in path_of(body)[:-1])
+
+
+def pose_in_world(body: mujoco.MjsBody) -> Pose:
+    """Of the body, in the world, at the model's reference configuration."""
+    pose: Pose = (np.eye(3), np.zeros(3))
+    for inner in path_of(body)[:-1]:
+        element = inner
+        while element is not None:
+            pose = compose(_own_pose(element), pose)
+            element = element.frame
+    return pose
+
+
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """Of what `inner` places, placed by `outer`."""
+    return outer[0] @ inner[0], outer[0] @ inner[1] + outer[1]
+
+
+def inverse(pose: Pose) -> Pose:
+    """Of the outer coordinate system in the inner one."""
+    return pose[0].T, -pose[0].T @ pose[1]
+
+
+def pose(pos: Iterable[float], quat: Iterable[float]) -> Pose:
+    """From a position [m] and a quaternion of any length."""
+    matrix = np.zeros(9)
+    q = np.array(list(quat), float)
+    mujoco.mju_quat2Mat(matrix, q / np.linalg.norm(q))
+    return matrix.reshape(3, 3), np.array(list(pos), float)
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(4,) of a rotation matrix (3, 3)."""
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ravel(rotation))
+    return quat
+
+
+def _own_pose(element: mujoco.MjsBody | mujoco.MjsFrame) -> Pose:
+    """In the frame or body that it stands in."""
+    alone = mujoco.MjSpec()
+    alone.compiler.degree = element.compiler.degree
+    alone.compiler.eulerseq = element.compiler.eulerseq
+    body = alone.worldbody.add_body(pos=element.pos, quat=element.quat)
+    for field in ("type", "axisangle", "xyaxes", "zaxis", "euler"):
+        setattr(body.alt, field, getattr(element.alt, field))
+    model = alone.compile()
+    return pose(model.body_pos[1], model.body_quat[1])

@@ -1,0 +1,69 @@
+"""Scenes from MJCF, with MuJoCo's reason in one line where there is none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+
+from mjframes.base.errors import MjframesError
+from mjframes.scene import plugin
+
+PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft.cc)
+
+
+def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+    """A scene from MJCF, and its spec; loads the plugin where the scene asks for it.
+
+    Raises MjframesError with MuJoCo's reason where it cannot be loaded.
+    """
+    if not os.path.isfile(path):
+        raise MjframesError(f"{path}: there is no such scene; give the path of an MJCF file (.xml).")
+    with mujoco_warnings() as warnings:
+        try:
+            try:
+                spec = mujoco.MjSpec.from_file(os.fspath(path))
+            except ValueError as error:
+                if plugin.NAME not in str(error) or plugin.is_loaded():
+                    raise
+                plugin.load()
+                spec = mujoco.MjSpec.from_file(os.fspath(path))
+            if any(other.plugin_name == plugin.NAME for other in spec.plugins) and (
+                why := changed_masses(spec.compiler)
+            ):
+                raise MjframesError(f"{path}: the scene has soft bodies, and {why}.")
+            return spec.compile(), spec
+        except MjframesError:
+            raise
+        except (ValueError, mujoco.FatalError) as error:
+            raise MjframesError(f"{path}: MuJoCo cannot load the scene ({sentence(error, warnings)}).") from error
+
+
+def changed_masses(compiler: mujoco.MjsCompiler) -> str:
+    """What in a scene's compiler changes the masses of its bodies, and so those of soft ones; "" for nothing."""
+    for option in ("settotalmass", "boundmass", "boundinertia"):
+        if (value := getattr(compiler, option)) > 0:
+            return f'its <compiler {option}="{value:g}"/> would change the masses of a soft body; take it out'
+    return ""
+
+
+@contextmanager
+def mujoco_warnings() -> Iterator[list[str]]:
+    """Catches what MuJoCo warns of, instead of a file MUJOCO_LOG.TXT in the working directory."""
+    caught: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(caught.append)
+    try:
+        yield caught
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def sentence(error: Exception, warnings: list[str]) -> str:
+    """The reason in one line: the plugin's own words where it has some, else MuJoCo's."""
+    lines = [*warnings, *str(error).splitlines()]
+    own = [line for line in lines if line.startswith(PLUGIN_WARNING)]
+    text = own[-1].removeprefix(PLUGIN_WARNING) if own else (warnings or [str(error)])[-1]
+    return " ".join(text.split()).rstrip(".")

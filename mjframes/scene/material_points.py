@@ -1,0 +1,222 @@
+"""Points of a soft body's material and their state (the paper, equation (3) and §5.2), in the soft body's own axes.
+
+    x(p̄) = Σ_j W_j x_j + (p̄ − Σ_j W_j x̄_j) + R Φ T y     0 in brackets where frames can turn
+    F(p̄) = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R ∇Φ T y
+    ε = sym(Σ_j y_j ∇W_jᵀ + ∇Φ T y), y_j = Rᵀ x_j − x̄_j     corotational strain, R of the point's region
+    ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
+
+W_j are those that move the surfaces, Φ T what the body moves beyond them (whole_body/lifting.py), where that is known.
+Slopes are those of the nearest voxel, inside its region and its material.
+Index letters: n material point; j control point; r, s rows; a, b columns; q mode. The sensors compute the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from mjframes.base.errors import MjframesError
+from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity import laws
+from mjframes.elasticity.corotational import CorotationalRegion
+from mjframes.elasticity.hyperelastic import HyperelasticRegion
+from mjframes.elasticity.laws import COROTATIONAL
+from mjframes.elasticity.stiffness import shows_rotations
+from mjframes.volume.grid import EVEN, Grid, evened, voxel_grid
+from mjframes.weights.interpolation import closest_voxels, voxel_shares
+from mjframes.whole_body.lifting import mode_slopes
+
+Array = NDArray[np.float64]
+Region = CorotationalRegion | HyperelasticRegion
+
+OUTSIDE = 1.5  # [voxels] from the nearest voxel's centre along an axis: a point farther away is not of the material
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The material points of one region.
+
+    rows: (s,) which ones.  region: its number.  points: (m,) its control points.  gradient: ∇W_j (s, m, 3) [1/m].
+    slack: I − Σ_j x̄_j ∇W_jᵀ (s, 3, 3), 0 where all the region's frames can turn.
+    mode: Φ (s, 3, q).  mode_slope: ∇Φ (s, 3, 3, q) [1/m], derivatives in the third axis.  share: T (q, 3m).
+    """
+
+    rows: NDArray[np.int64]
+    region: int
+    points: NDArray[np.int64]
+    gradient: Array
+    slack: Array
+    mode: Array
+    mode_slope: Array
+    share: Array
+
+    def lifted(self, region: Region, x: Array) -> tuple[Array, Array]:
+        """R (3, 3) and T y (q,) with the control points at x (k, 3); R is I where nothing turns along."""
+        if not isinstance(region, CorotationalRegion):
+            return np.eye(3), np.zeros(len(self.share))
+        own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
+        R = region.rotation(own)
+        return R, self.share @ (own @ R - rest).ravel()
+
+    def lifted_velocity(self, region: Region, x: Array, v: Array) -> Array:
+        """d/dt R Φ T y (s, 3) while the control points move by v (k, 3) [m/s]."""
+        if not isinstance(region, CorotationalRegion) or not len(self.share):
+            return np.zeros((len(self.rows), 3))
+        own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
+        R, spin = region.rotation(own), region.spin(own, v[self.points])
+        z = own @ R
+        change = self.share @ ((v[self.points] @ R) - np.cross(spin, z)).ravel()
+        return (self.mode @ change + np.cross(spin, self.mode @ (self.share @ (z - rest).ravel()))) @ R.T
+
+
+def _about_mean(points: Array) -> Array:
+    """Far from the origin digits would be lost."""
+    return points - points.mean(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialPoints:
+    """n points.  weights: W_j (n, k).  offset: p̄ − Σ_j W_j x̄_j (n, 3) [m].  groups: them all, by region.
+
+    law: of the elasticity.  constants: (n, 3) of it there, Lamé's (λ, μ, 0) [Pa] for the corotational one.
+    """
+
+    weights: sparse.csr_array
+    offset: Array
+    groups: tuple[Group, ...]
+    law: str
+    constants: Array
+
+    def positions(self, regions: Sequence[Region], x: Array) -> Array:
+        """Return x(p̄) (n, 3) [m] with the control points at x (k, 3) [m].  regions: those of the soft body."""
+        found = self.weights @ x + self.offset
+        for group in self.groups:
+            R, change = group.lifted(regions[group.region], x)
+            found[group.rows] += (group.mode @ change) @ R.T
+        return found
+
+    def velocities(self, regions: Sequence[Region], x: Array, v: Array) -> Array:
+        """Return dx(p̄)/dt (n, 3) [m/s] with the control points at x (k, 3) [m] and moving by v (k, 3) [m/s]."""
+        found = self.weights @ v
+        for group in self.groups:
+            found[group.rows] += group.lifted_velocity(regions[group.region], x, v)
+        return found
+
+    def control_forces(self, regions: Sequence[Region], x: Array, forces: Array) -> Array:
+        """Return (k, 3) [N] on control points at x (k, 3) [m], with the power of `forces` (n, 3) [N] on the points."""
+        total = self.weights.T @ forces
+        for group in self.groups:
+            pushed = forces[group.rows]
+            for j in group.points if len(group.share) else ():
+                for axis in range(3):
+                    unit = np.zeros_like(x)
+                    unit[j, axis] = 1
+                    total[j, axis] += (pushed * group.lifted_velocity(regions[group.region], x, unit)).sum()
+        return total
+
+    def deformation_gradients(self, regions: Sequence[Region], x: Array) -> Array:
+        """Return F (n, 3, 3) with the control points at x (k, 3) [m].  regions: those of the soft body."""
+        F = np.empty((len(self.offset), 3, 3))
+        for group in self.groups:
+            R, change = group.lifted(regions[group.region], x)
+            F[group.rows] = np.einsum("jr,nja->nra", x[group.points], group.gradient) + group.slack
+            F[group.rows] += R @ (group.mode_slope @ change)
+        return F
+
+    def response(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
+        """Cauchy stress σ (n, 3, 3) [Pa] and strain energy density ψ (n,) [J/m³]; regions: those of the soft body."""
+        return self._corotational(regions, x) if self.law == COROTATIONAL else self._hyperelastic(regions, x)
+
+    def _corotational(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
+        stress, energy = np.empty((len(self.offset), 3, 3)), np.empty(len(self.offset))
+        for group in self.groups:
+            region, lam, mu = regions[group.region], *self.constants[group.rows, :2].T
+            assert isinstance(region, CorotationalRegion)
+            R, change = group.lifted(region, x)
+            y = _about_mean(x[group.points]) @ R - _about_mean(region.rest)
+            slope = np.einsum("jr,nja->nra", y, group.gradient) + group.mode_slope @ change
+            strain = 0.5 * (slope + slope.transpose(0, 2, 1))
+            trace = np.trace(strain, axis1=1, axis2=2)
+            turned = (lam * trace)[:, None, None] * np.eye(3) + 2 * mu[:, None, None] * strain
+            stress[group.rows] = R @ turned @ R.T
+            energy[group.rows] = 0.5 * lam * trace**2 + mu * (strain**2).sum(axis=(1, 2))
+        return stress, energy
+
+    def _hyperelastic(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
+        F = self.deformation_gradients(regions, x)
+        stress, energy = np.empty_like(F), np.empty(len(F))
+        kinds, kind = np.unique(self.constants, axis=0, return_inverse=True)
+        for number, constants in enumerate(kinds.tolist()):
+            rows = np.flatnonzero(kind.ravel() == number)
+            law = laws.law_of_constants(self.law, constants)
+            stress[rows], energy[rows] = laws.cauchy_stress(law, F[rows]), laws.energy(law, F[rows])
+        return stress, energy
+
+
+def material_points(body: SoftBody, rest: Array, points: ArrayLike) -> MaterialPoints:
+    """The material at points (n, 3) in volume coordinates [m].
+
+    rest: (k, 3) x̄_j as the model has them, of which six digits are left; gradients are put right for them.
+    Raises MjframesError for points that are not (n, 3) numbers and for those outside the volume.
+    """
+    at = np.asarray(points, np.float64)
+    if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():
+        raise MjframesError(f"points have the shape {at.shape}; give (n, 3) finite volume coordinates in metres.")
+    grid = voxel_grid(body.fields.volume)
+    nearest = closest_voxels(grid, at)
+    away = np.abs((at - grid.points(nearest)) @ grid.axes / grid.spacing).max(axis=1, initial=0)
+    if (away > OUTSIDE).any():
+        n = int(np.argmax(away))
+        raise MjframesError(
+            f"points[{n}] is {tuple(at[n].tolist())}, {away[n] - 0.5:.1f} voxels outside the volume; "
+            "give points of the material, in volume coordinates in metres."
+        )
+    weights = body.shapes.at(grid, at, nearest)
+    if body.law == COROTATIONAL:
+        table = np.stack([grid.per_material("lam"), grid.per_material("mu"), np.zeros(len(grid.table))], axis=1)
+    else:
+        table = body.law_constants
+    region = body.fields.region[nearest]
+    around = voxel_shares(grid, body.fields.weights, at, nearest)
+    groups = tuple(
+        _group(body, grid, rest, int(e), rows, at[rows], nearest[rows], sparse.csr_array(around[rows]))
+        for e in np.unique(region)
+        for rows in [np.flatnonzero(region == e)]
+    )
+    return MaterialPoints(weights, at - weights @ rest, groups, body.law, table[grid.material[nearest]])
+
+
+def _group(
+    body: SoftBody,
+    grid: Grid,
+    rest: Array,
+    region: int,
+    rows: NDArray[np.int64],
+    at: Array,
+    nearest: NDArray[np.int64],
+    around: sparse.csr_array,
+) -> Group:
+    """around: (s, n) the voxels' shares in the points."""
+    points = body.stiffness.points[region]
+    frames = body.control.frame[points]
+    frames = frames[np.sort(np.unique(frames, return_index=True)[1])]
+    fields, metric, within = body.fields, grid, body.fields.region
+    if fields.metric == EVEN:
+        metric, within = evened(grid), within * np.int32(len(grid.table)) + grid.material
+    share = sparse.csr_array(around @ fields.weights)[:, frames].toarray()
+    gradient = body.shapes.slopes(metric, nearest, frames, share, at, within)[1]
+    if not any(body.types[i] == "point" for i in frames):
+        gradient = shows_rotations(gradient, rest[points])
+    slack = np.eye(3) - np.einsum("jr,nja->nra", rest[points], gradient)
+    if fields.lifting is None:
+        mode, slope, share = np.zeros((len(rows), 3, 0)), np.zeros((len(rows), 3, 3, 0)), np.zeros((0, 3 * len(points)))
+    else:
+        share = fields.lifting.share[region]
+        modes = fields.lifting.mode[:, :, : len(share)]
+        mode = (around @ modes.reshape(len(modes), -1)).reshape(len(rows), 3, len(share))
+        slope = mode_slopes(grid, modes, nearest, fields.region, within)
+    return Group(rows, region, points, gradient, slack, mode, slope, share)

@@ -1,0 +1,204 @@
+"""Finds, compiles and loads the engine plugin `mjframes.soft`.
+
+An engine plugin works only with the very MuJoCo it was compiled for, so a library's name carries that version and a
+digest of its sources: libmjframes_soft-<MuJoCo version>-<digest>.so. A wheel holds one such library and the sources.
+Where it does not fit the installed MuJoCo, and in a checkout always, the sources are compiled once into a cache of the
+user, without CMake.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import mujoco
+
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import cache_directory
+
+NAME = "mjframes.soft"
+SENSOR_NAME = "mjframes.sensor"  # in the same library
+PATCH_NAME = "mjframes.patch"
+FLAGS_FILE = "compile_flags.txt"  # CMake and clangd read it too
+LIBRARY_VARIABLE = "MJFRAMES_PLUGIN_LIBRARY"  # names a library to use instead, for example one with sanitizers
+
+_PACKAGED = Path(__file__).parents[1] / "_plugin"  # in an installed wheel: sources and a library
+_CHECKOUT = Path(__file__).parents[2] / "plugin"
+
+_loading = threading.Lock()
+
+
+def load() -> None:
+    """Loads the plugin into MuJoCo, once; does nothing where something else has loaded it already.
+
+    Raises MjframesError where no library fits and none can be compiled, or where MuJoCo cannot load it.
+    """
+    with _loading:
+        if is_loaded():
+            return
+        path = library_path()
+        try:
+            mujoco.mj_loadPluginLibrary(str(path))
+        except mujoco.FatalError as error:
+            reason = " ".join(str(error).split())
+            raise MjframesError(
+                f"MuJoCo {mujoco.mj_versionString()} cannot load {path} ({reason}); "
+                "delete that file to have it made again."
+            ) from error
+        if not is_loaded():
+            raise MjframesError(f"{path} does not register {NAME}; it must be a library built from mjframes' plugin.")
+
+
+def is_loaded() -> bool:
+    """Whether MuJoCo knows the plugin, whoever loaded it."""
+    try:
+        mujoco.MjModel.from_xml_string(f'<mujoco><extension><plugin plugin="{NAME}"/></extension></mujoco>')
+    except ValueError:
+        return False
+    return True
+
+
+def library_path() -> Path:
+    """The library for the installed MuJoCo; compiles it first where there is none yet.
+
+    A program that does not import mjframes hands it to `mujoco.mj_loadPluginLibrary`.
+    Raises MjframesError where no library fits and none can be compiled.
+    """
+    if chosen := os.environ.get(LIBRARY_VARIABLE):
+        if not Path(chosen).is_file():
+            raise MjframesError(
+                f"{LIBRARY_VARIABLE} names {chosen}, which is no file; name a plugin library or unset it."
+            )
+        return Path(chosen)
+    sources = source_directory()
+    name = library_name(sources)
+    packaged = sources / name
+    if packaged.is_file():
+        return packaged
+    cached = cache_directory() / name
+    if not cached.is_file():
+        _compile_once(sources, cached)
+    return cached
+
+
+def source_directory() -> Path:
+    """The directory of the plugin's C++ sources: in the installed package, or in the checkout this package lies in."""
+    for directory in (_PACKAGED, _CHECKOUT):
+        if (directory / FLAGS_FILE).is_file():
+            return directory
+    raise MjframesError(f"the plugin's sources are neither in {_PACKAGED} nor in {_CHECKOUT}; install mjframes again.")
+
+
+def library_name(sources: Path) -> str:
+    """The file name of what these sources give for the installed MuJoCo; CMakeLists.txt computes the same."""
+    patterns = ("*.cc", "*.h", "laws/*.h", FLAGS_FILE)
+    files = sorted(path.relative_to(sources).as_posix() for pattern in patterns for path in sources.glob(pattern))
+    manifest = "".join(f"{hashlib.sha256((sources / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
+    digest = hashlib.sha256(manifest.encode()).hexdigest()[:12]
+    return f"libmjframes_soft-{mujoco.mj_versionString()}-{digest}.so"
+
+
+def find_compiler() -> list[str]:
+    """The command of the C++ compiler: $CXX, else the first of c++, g++ and clang++ on the path.
+
+    Raises MjframesError where there is none.
+    """
+    chosen = os.environ.get("CXX", "").strip()
+    for command in [chosen] if chosen else ["c++", "g++", "clang++"]:
+        words = shlex.split(command)
+        if shutil.which(words[0]):
+            return words
+    looked_for = f"CXX is {chosen!r}, which is no command" if chosen else "there is no c++, g++ or clang++"
+    raise MjframesError(
+        f"no C++ compiler found to build the plugin for MuJoCo {mujoco.mj_versionString()} ({looked_for}); "
+        "install g++ (Debian, Ubuntu: apt-get install g++) or set CXX to a compiler."
+    )
+
+
+def _compile_once(sources: Path, target: Path) -> None:
+    """Compiles `sources` to `target`; processes that ask for it at the same time wait for one of them."""
+    compiler = find_compiler()
+    include, mujoco_library = _mujoco_files()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(target.with_suffix(".lock")):
+            if not target.is_file():
+                with _progress(f"Compiling {NAME} for MuJoCo {mujoco.mj_versionString()}; this happens once."):
+                    _compile(compiler, sources, include, mujoco_library, target)
+    except OSError as error:
+        raise MjframesError(
+            f"cannot compile the plugin into {target.parent} ({error.strerror}); "
+            "set XDG_CACHE_HOME to a directory that can be written."
+        ) from error
+
+
+def _compile(compiler: list[str], sources: Path, include: Path, mujoco_library: Path, target: Path) -> None:
+    flags = (sources / FLAGS_FILE).read_text().split()
+    units = sorted(sources.glob("*.cc"))
+    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        objects = [Path(scratch) / f"{unit.stem}.o" for unit in units]
+        partial = Path(scratch) / target.name
+        commands = [
+            [*compiler, *flags, "-isystem", str(include), "-c", str(unit), "-o", str(made)]
+            for unit, made in zip(units, objects, strict=True)
+        ]
+        # Without an rpath: the process holds MuJoCo already, found by its SONAME; any other would be a second MuJoCo.
+        link = [*compiler, "-shared", "-o", str(partial), *map(str, objects), str(mujoco_library)]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            results = list(pool.map(_run, commands))
+        if all(code == 0 for code, _ in results):
+            results.append(_run(link))
+        log = target.with_suffix(".log")
+        log.write_text("".join(output for _, output in results))
+        if any(code != 0 for code, _ in results):
+            raise MjframesError(
+                f"{shlex.join(compiler)} cannot compile the plugin for MuJoCo {mujoco.mj_versionString()}, see {log}; "
+                "it must be a compiler with C++20, for example g++ 11 or newer (set CXX to choose one)."
+            )
+        os.replace(partial, target)
+
+
+def _run(command: Sequence[str]) -> tuple[int, str]:
+    """The exit code of a command, and its command line with what it printed."""
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    return done.returncode, f"$ {shlex.join(command)}\n{done.stdout}{done.stderr}"
+
+
+def _mujoco_files() -> tuple[Path, Path]:
+    """The include directory and the library of the MuJoCo that is running."""
+    package = Path(mujoco.HEADERS_DIR).parent.parent
+    library = package / f"libmujoco.so.{mujoco.mj_versionString()}"
+    if not library.is_file():
+        raise MjframesError(f"{library} is missing; mjframes needs MuJoCo's wheel for Linux: pip install mujoco.")
+    return package / "include", library
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    import fcntl  # not on Windows, where `import mjframes` shall fail by a sentence
+
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield  # closing the file unlocks it
+
+
+@contextmanager
+def _progress(message: str) -> Iterator[None]:
+    """Shows the message while something runs, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console  # MuJoCo 4 imports this module with itself: keep it light
+
+    with Console(stderr=True).status(message):
+        yield

@@ -1,0 +1,252 @@
+"""The plugin instance's attributes: a soft body as the text that plugin/soft.cc reads."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjframes.base.constants import FORMAT_VERSION
+from mjframes.base.packing import lower_triangle
+from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.mass import uncoupled
+from mjframes.elasticity.quadrature import Quadrature
+from mjframes.elasticity.rotations import frame_gradients
+from mjframes.elasticity.stiffness import shows_rotations
+from mjframes.scene.carriers import Carrier
+from mjframes.scene.identity import asset_key
+from mjframes.whole_body.cells import Cells
+
+ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
+    "version",
+    "law",
+    "mode",
+    "alpha",
+    "beta",
+    "carrier_size",
+    "carrier_point",
+    "point_offset",
+    "point_rest",
+    "point_mass",
+    "point_branch",
+    "region_size",
+    "region_point",
+    "region_gradient",
+    "region_fallback",
+    "frame_size",
+    "frame_gradient",
+    "region_stiffness",
+    "law_constants",
+    "quadrature_count",
+    "quadrature_volume",
+    "quadrature_material",
+    "quadrature_gradient",
+    "cell_count",
+    "cell_volume",
+    "cell_material",
+    "cell_slope",
+    "region_mass",
+    "region_enlargement",
+    "contact_radius",
+    "patch_size",
+    "patch_clusters",
+    "patch_cluster_size",
+    "patch_point",
+    "patch_weight",
+    "patch_offset",
+    "lattice_spacing",
+    "lattice_axes",
+    "lattice_origin",
+    "lattice_shape",
+    "lattice_node",
+    "lattice_distance",
+    "lattice_patch",
+    "lattice_count",
+    "lattice_point",
+    "lattice_weight",
+    "lattice_sphere",
+    "asset",
+)
+SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
+ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
+
+
+def configuration(
+    body: SoftBody, carried: Sequence[Carrier], branch: np.ndarray, patches: Sequence[np.ndarray]
+) -> dict[str, str]:
+    """carried: in the order of the model's bodies.  branch: (k,) of the kinematic tree, 0 where it is the soft body's.
+
+    patches: the contact spheres of each, in the order of the model's geoms; none for no contact.
+    """
+    stiffness, control = body.stiffness, body.control
+    rest, offset, mass = control.rest.copy(), np.zeros_like(control.rest), np.zeros(len(control.mass))
+    for carrier in carried:
+        mass[carrier.points] = carrier.mass / len(carrier.points)
+        if carrier.joints == "slides":  # as the bodies have it, digits lost: from any other a stiff body is strained
+            rest[carrier.points] = carrier.pose[1]
+        else:
+            offset[carrier.points] = carrier.local(rest[carrier.points])
+    values = {
+        "version": str(FORMAT_VERSION),
+        "law": body.law,
+        "mode": body.mode,
+        "alpha": repr(body.damping[0]),
+        "beta": repr(body.damping[1]),
+        "carrier_size": encode([len(carrier.points) for carrier in carried]),
+        "carrier_point": encode(np.concatenate([carrier.points for carrier in carried])),
+        "point_rest": encode(rest),
+        "point_mass": encode(mass),
+        "region_size": encode([len(points) for points in stiffness.points]),
+        "region_point": encode(np.concatenate(stiffness.points)),
+        "asset": asset_key(body),
+    }
+    values |= _hyperelastic(body, body.quadrature, rest) if body.quadrature else _corotational(body, rest)
+    if body.cells:
+        values |= _cells(body, body.cells)
+    if offset.any():
+        values["point_offset"] = encode(offset)
+    if branch.any():
+        values["point_branch"] = encode(branch)
+        values["region_enlargement"] = encode(np.array([enlargement(branch[p]) for p in stiffness.points]))
+    if body.mass_difference:
+        parts = zip(body.mass_difference, stiffness.points, strict=True)
+        values["region_mass"] = encode(np.concatenate([lower_triangle(uncoupled(D, branch[p])) for D, p in parts]))
+    return values | (_contact(body, patches) if patches else {})
+
+
+def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
+    stiffness = body.stiffness
+    matrices = body.cells.remainder if body.cells else stiffness.matrix
+    gradients = [
+        shows_rotations(gradient, rest[points])
+        for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
+    ]
+    values = {
+        "region_gradient": encode(np.concatenate(gradients)),
+        "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in matrices])),
+    }
+    if not stiffness.fallback:
+        return values
+    frame = body.control.frame
+    fallbacks = [gradient.copy() for gradient in stiffness.fallback]
+    for points, gradient in zip(stiffness.points, fallbacks, strict=True):
+        if gradient.any():
+            parents = frame[points] != frame[points[-1]]
+            gradient[parents] = shows_rotations(gradient[parents], rest[points[parents]])
+    return values | {
+        "region_fallback": encode(np.concatenate(fallbacks)),
+        "frame_size": encode(np.bincount(frame)),
+        "frame_gradient": encode(frame_gradients(rest, frame)),
+    }
+
+
+def _cells(body: SoftBody, cells: Cells) -> dict[str, str]:
+    return {
+        "law_constants": encode(body.law_constants),
+        "cell_count": encode([len(volume) for volume in cells.volume]),
+        "cell_volume": encode(np.concatenate(cells.volume)),
+        "cell_material": encode(np.concatenate(cells.material).astype(int)),
+        "cell_slope": encode(np.concatenate([slope.ravel() for slope in cells.slope])),
+    }
+
+
+def decode_slopes(text: str, count: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
+    """E_q (q, 9, 3m) of each region's cells.  count, size: (r,) cells and control points."""
+    parts = np.split(decode(text), np.cumsum(27 * count * size)[:-1])
+    return tuple(part.reshape(-1, 9, 3 * int(m)) for part, m in zip(parts, size, strict=True))
+
+
+def _hyperelastic(body: SoftBody, quadrature: Quadrature, rest: np.ndarray) -> dict[str, str]:
+    gradients = [
+        shows_rotations(at_point, rest[points]).ravel()
+        for points, gradient in zip(quadrature.points, quadrature.gradient, strict=True)
+        for at_point in gradient
+    ]
+    return {
+        "law_constants": encode(body.law_constants),
+        "quadrature_count": encode([len(volume) for volume in quadrature.volume]),
+        "quadrature_volume": encode(np.concatenate(quadrature.volume)),
+        "quadrature_material": encode(np.concatenate(quadrature.material).astype(int)),
+        "quadrature_gradient": encode(np.concatenate(gradients)),
+    }
+
+
+def enlargement(branch: np.ndarray) -> float:
+    """Of a region's stiffness where its points, on these branches, are coupled beyond what MuJoCo's inertia holds.
+
+    K ⪯ n blockdiag(K) for n branches, and the step is stable while K ⪯ 4/3 of what is held.
+    """
+    return max(1.0, 0.75 * len(np.unique(branch)))
+
+
+def _contact(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
+    points = [patch_points(body, spheres) for spheres in patches]
+    weights = body.contact.weights.toarray()
+    sizes = [np.bincount(body.contact.cluster[spheres]) for spheres in patches]
+    values = {
+        "contact_radius": repr(body.contact.radius),
+        "patch_size": encode([len(some) for some in points]),
+        "patch_clusters": encode([len(clusters) for clusters in sizes]),
+        "patch_cluster_size": encode(np.concatenate(sizes)),
+        "patch_point": encode(np.concatenate(points)),
+        "patch_weight": encode(
+            np.concatenate(
+                [weights[np.ix_(spheres, some)].T.ravel() for spheres, some in zip(patches, points, strict=True)]
+            )
+        ),
+    }
+    offset = body.contact.centers - body.contact.weights @ body.control.rest
+    if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.centers, axis=0).max():
+        # the deformed volume is not Σ_j W_j x_j: such a body touches with its vertices only
+        values["patch_offset"] = encode(np.concatenate([offset[spheres].T.ravel() for spheres in patches]))
+        return values
+    return values | _lattice(body, patches)
+
+
+def _lattice(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
+    lattice = body.lattice
+    number = np.empty(len(patches), int)  # of each patch of the body among those of the model
+    number[[body.contact.patch[spheres[0]] for spheres in patches]] = np.arange(len(patches))
+    return {
+        "lattice_spacing": repr(lattice.spacing),
+        "lattice_axes": encode(body.fields.volume.axes),
+        "lattice_origin": encode(lattice.origin),
+        "lattice_shape": encode(lattice.shape),
+        "lattice_node": encode(lattice.node),
+        "lattice_distance": encode(lattice.distance),
+        "lattice_patch": encode(number[lattice.patch]),
+        "lattice_count": encode(np.diff(lattice.weights.indptr)),
+        "lattice_point": encode(lattice.weights.indices),
+        "lattice_weight": encode(lattice.weights.data),
+        "lattice_sphere": encode(lattice.spheres[np.concatenate(patches)]),
+    }
+
+
+def patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
+    """The control points that move any of the spheres, and all points of their frames: one path, ancestors first."""
+    frames = np.unique(body.control.frame[body.contact.weights[spheres].indices])
+    return np.flatnonzero(np.isin(body.control.frame, frames))
+
+
+def instance_name(name: str) -> str:
+    """The name of a soft body's plugin instance: its own, but for one letter, to which MuJoCo must attach something."""
+    return name if len(name) > 1 else name + SEPARATOR
+
+
+def soft_name(instance: str) -> str:
+    """The name of the soft body whose plugin instance is called so."""
+    return instance.removesuffix(SEPARATOR)
+
+
+def encode(values: np.ndarray | Sequence[int]) -> str:
+    """An array as the plugin reads it: type, count and base64 of the little-endian values."""
+    array = np.ravel(values)
+    kind, form = ("i32", "<i4") if np.issubdtype(array.dtype, np.integer) else ("f64", "<f8")
+    return f"{kind}:{array.size}:{base64.b64encode(array.astype(form).tobytes()).decode('ascii')}"
+
+
+def decode(text: str) -> np.ndarray:
+    """The values (count,) of what `encode` wrote."""
+    kind, _, data = text.split(":")
+    return np.frombuffer(base64.b64decode(data), "<i4" if kind == "i32" else "<f8")

@@ -1,0 +1,90 @@
+"""Sensors of a soft body, written into a spec: observations that MuJoCo computes itself (plugin/sensor.h)."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjframes.base.errors import MjframesError
+from mjframes.body.soft_body import SoftBody
+from mjframes.scene import plugin
+from mjframes.scene.identity import asset_key
+from mjframes.scene.material_points import MaterialPoints, material_points
+from mjframes.scene.plugin_text import decode, encode, soft_name
+
+WHOLE = ("elastic_energy", "kinetic_energy")  # [J], one value
+OF_POINTS = ("energy_density", "stress", "strain", "deformation_gradient")  # 1, 6, 6 and 9 values a point
+SLACK = 1e-9  # [-] of F: below it is rounding
+
+
+def add_sensor(
+    spec: mujoco.MjSpec,
+    body: SoftBody,
+    name: str,
+    quantity: str,
+    points: ArrayLike | None = None,
+    sensor_name: str | None = None,
+) -> mujoco.MjsSensor:
+    """Add a sensor of the soft body `name`, of which `body` was attached to `spec`; returns MuJoCo's sensor.
+
+    quantity: "elastic_energy" or "kinetic_energy" [J], one value; or at material points (n, 3), in volume coordinates
+    [m], as many times: "energy_density" [J/m³]; "stress", Cauchy's in the world's axes [Pa], and "strain", Green's in
+    the volume's axes, as xx, yy, zz, yz, xz, xy; "deformation_gradient", from the volume's to the world's axes, row by
+    row. The same as `soft()` says.  sensor_name: f"{name}_{quantity}" unless given.
+    Raises MjframesError for other quantities, where points are missing or not of the material, for a soft body that is
+    not there or another one, and for a name that is taken.
+    """
+    if quantity not in WHOLE + OF_POINTS:
+        raise MjframesError(f"quantity is {quantity!r}; it must be one of {', '.join(map(repr, WHOLE + OF_POINTS))}.")
+    if (points is None) != (quantity in WHOLE):
+        wanted = "is of the whole body: give no points" if quantity in WHOLE else "needs points, (n, 3) in metres"
+        raise MjframesError(f"the sensor {quantity!r} {wanted}.")
+    plugin.load()
+    instances = {soft_name(other.name): other for other in spec.plugins if other.plugin_name == plugin.NAME}
+    if name not in instances:
+        known = ", ".join(map(repr, instances)) or "none"
+        raise MjframesError(f"name is {name!r} but the spec's soft bodies are: {known}.")
+    soft = dict(instances[name].config)
+    if soft["asset"] != asset_key(body):
+        raise MjframesError(f"body is not the one that {name!r} was made of; give the SoftBody that was attached.")
+    own = sensor_name or f"{name}_{quantity}"
+    if any(own == other.name for other in (*spec.sensors, *spec.plugins)):
+        raise MjframesError(f"sensor_name is {own!r}, which the spec has already; give another one.")
+    config = {"quantity": quantity}
+    if points is not None:
+        config |= _samples(material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points))
+    spec.activate_plugin(plugin.SENSOR_NAME)
+    instance = spec.add_plugin(name=own, plugin_name=plugin.SENSOR_NAME, active=True)
+    instance.config = config
+    sensor = spec.add_sensor(
+        name=own, type=mujoco.mjtSensor.mjSENS_PLUGIN, objtype=mujoco.mjtObj.mjOBJ_BODY, objname=name
+    )
+    sensor.plugin.active = True
+    sensor.plugin.plugin_name = plugin.SENSOR_NAME
+    sensor.plugin.name = own
+    return sensor
+
+
+def _samples(at: MaterialPoints) -> dict[str, str]:
+    """Of material points: what the plugin reads, point by point."""
+    count = len(at.offset)
+    if not count:
+        raise MjframesError("points has no point; a sensor needs one or more.")
+    region, slack = np.empty(count, int), np.empty((count, 3, 3))
+    gradient: list[np.ndarray] = [np.zeros(0)] * count
+    lift: list[np.ndarray] = [np.zeros(0)] * count
+    for group in at.groups:
+        region[group.rows], slack[group.rows] = group.region, group.slack
+        for row, some, slope in zip(group.rows, group.gradient, group.mode_slope @ group.share, strict=True):
+            gradient[row], lift[row] = some.ravel(), slope.ravel()
+    config = {
+        "region": encode(region),
+        "gradient": encode(np.concatenate(gradient)),
+        "constants": encode(at.constants),
+    }
+    if np.abs(slack).max() > SLACK:
+        config["slack"] = encode(slack)
+    if any(some.any() for some in lift):
+        config["lift"] = encode(np.concatenate(lift))
+    return config

@@ -1,0 +1,393 @@
+"""Soft bodies of a compiled model, as they are now: read from the model and data, and what is not in them, of
+material points and frames, from the `SoftBody`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjframes.base.errors import MjframesError
+from mjframes.base.packing import triangles
+from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.corotational import CorotationalRegion, Fallback, LawCell
+from mjframes.elasticity.hyperelastic import HyperelasticRegion
+from mjframes.elasticity.laws import LawParameters, law_of_constants
+from mjframes.scene import forces
+from mjframes.scene.identity import asset_key, recall
+from mjframes.scene.material_points import MaterialPoints, material_points
+from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, soft_name
+
+SAME_MASS = 1e-4  # [-] as in plugin/soft.cc: the model's masses have six digits
+
+
+@dataclass(frozen=True, eq=False)
+class Soft:
+    """A view of one soft body; current after `mj_forward` or `mj_step`.
+
+    k control points, f frames, r regions, p patches.  instance: of the plugin.  holder: MuJoCo body whose axes are the
+    volume's.  bodies: (k,) MuJoCo body that each control point rides on.  given: the body that it was built as, where
+    one was given.
+    Material points (n, 3) are in volume coordinates [m]; they and frames need the `SoftBody`: MjframesError without.
+    """
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    name: str
+    instance: int
+    holder: int
+    bodies: np.ndarray
+    configuration: dict[str, str]
+    given: SoftBody | None = None
+    _of_points: dict[bytes, MaterialPoints] = field(default_factory=dict)
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """x̄ (k, 3) in volume coordinates [m]."""
+        return decode(self.configuration["point_rest"]).reshape(-1, 3)
+
+    @cached_property
+    def regions(self) -> list[CorotationalRegion] | list[HyperelasticRegion]:
+        """The elastic regions; their control points are numbered as here."""
+        if "quadrature_count" not in self.configuration:
+            gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
+            matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
+            parts = zip(self._points, gradients, matrices, self._fallbacks, self._cells, strict=True)
+            return [
+                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback, cells)
+                for points, gradient, matrix, fallback, cells in parts
+            ]
+        laws = self._laws
+        count = decode(self.configuration["quadrature_count"]).astype(int)
+        ends = np.cumsum(count)[:-1]
+        volumes = np.split(decode(self.configuration["quadrature_volume"]), ends)
+        materials = np.split(decode(self.configuration["quadrature_material"]), ends)
+        sizes = 3 * count * self._sizes
+        gradients = np.split(decode(self.configuration["quadrature_gradient"]), np.cumsum(sizes)[:-1])
+        return [
+            HyperelasticRegion(points, gradient.reshape(-1, len(points), 3), volume, material, laws)
+            for points, gradient, volume, material in zip(self._points, gradients, volumes, materials, strict=True)
+        ]
+
+    @property
+    def _laws(self) -> tuple[LawParameters, ...]:
+        """Of each material."""
+        constants = decode(self.configuration["law_constants"]).reshape(-1, 3)
+        return tuple(law_of_constants(self.configuration["law"], some) for some in constants.tolist())
+
+    @property
+    def _cells(self) -> list[tuple[LawCell, ...]]:
+        """Of each region."""
+        if "cell_count" not in self.configuration:
+            return [()] * len(self._sizes)
+        laws = self._laws
+        count = decode(self.configuration["cell_count"]).astype(int)
+        ends = np.cumsum(count)[:-1]
+        volumes, materials = (np.split(decode(self.configuration[f"cell_{s}"]), ends) for s in ("volume", "material"))
+        slopes = decode_slopes(self.configuration["cell_slope"], count, self._sizes)
+        return [
+            tuple(LawCell(float(v), laws[int(number)], slope) for v, number, slope in zip(*some, strict=True))
+            for some in zip(volumes, materials, slopes, strict=True)
+        ]
+
+    @property
+    def _fallbacks(self) -> list[Fallback | None]:
+        """Of each region, None for those that have none."""
+        if "region_fallback" not in self.configuration:
+            return [None] * len(self._sizes)
+        gradients = np.split(decode(self.configuration["region_fallback"]).reshape(-1, 3), self._ends)
+        own = decode(self.configuration["frame_gradient"]).reshape(-1, 3)
+        size = decode(self.configuration["frame_size"]).astype(int)
+        frame = np.repeat(np.arange(len(size)), size)
+        return [
+            Fallback(gradient, own[points], frame[points]) if gradient.any() else None
+            for points, gradient in zip(self._points, gradients, strict=True)
+        ]
+
+    @cached_property
+    def _sizes(self) -> np.ndarray:
+        return decode(self.configuration["region_size"]).astype(int)
+
+    @property
+    def _ends(self) -> np.ndarray:
+        return np.cumsum(self._sizes)[:-1]
+
+    @cached_property
+    def _points(self) -> list[np.ndarray]:
+        return np.split(decode(self.configuration["region_point"]).astype(int), self._ends)
+
+    @property
+    def mass_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Consistent minus lumped mass: of each region its control points (m,) and (m, m) [kg]; none if lumped."""
+        scale = self._mass_scale
+        if (scale == 1).all():
+            return self._built_difference
+        return [(points, scale[points] * scale[points, None] * built) for points, built in self._built_difference]
+
+    @cached_property
+    def _built_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        if "region_mass" not in self.configuration:
+            return []
+        matrices = triangles(decode(self.configuration["region_mass"]), self._sizes)
+        return list(zip(self._points, matrices, strict=True))
+
+    @property
+    def _mass_scale(self) -> np.ndarray:
+        """(k,) √ of the mass of each point's body in the model, to that it was built with [-]; as in plugin/soft.cc."""
+        built = np.bincount(self.bodies, self._built_mass)[self.bodies]
+        ratio = self.model.body_mass[self.bodies] / built
+        return np.sqrt(np.where(abs(ratio - 1) > SAME_MASS, ratio, 1))
+
+    @cached_property
+    def _built_mass(self) -> np.ndarray:
+        return decode(self.configuration["point_mass"])
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """(k, 3) of each control point in its body's axes [m]."""
+        return self._array("point_offset", 3 * len(self.bodies)).reshape(-1, 3)
+
+    @property
+    def mass(self) -> np.ndarray:
+        """(k,) [kg]"""
+        return self._mass_scale**2 * self._built_mass
+
+    @property
+    def control_positions(self) -> np.ndarray:
+        """x (k, 3) in the world [m]."""
+        return self.data.xpos[self.bodies] + self._arms()
+
+    @property
+    def control_velocities(self) -> np.ndarray:
+        """dx/dt (k, 3) in the world [m/s]."""
+        velocity, twist = np.zeros((len(self.bodies), 3)), np.zeros(6)
+        for j, (body, arm) in enumerate(zip(self.bodies, self._arms(), strict=True)):
+            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, int(body), twist, 0)
+            velocity[j] = twist[3:] + np.cross(twist[:3], arm)
+        return velocity
+
+    def _arms(self) -> np.ndarray:
+        """From each body's origin to its control point, in the world (k, 3) [m]."""
+        return np.einsum("kab,kb->ka", self.data.xmat[self.bodies].reshape(-1, 3, 3), self.offset)
+
+    def _array(self, key: str, size: int) -> np.ndarray:
+        """An array that is left out where it is zero."""
+        return decode(self.configuration[key]) if key in self.configuration else np.zeros(size)
+
+    @property
+    def elastic_energy(self) -> float:
+        """[J]"""
+        x = self.control_positions
+        return sum(region.energy(x[region.points]) for region in self.regions)
+
+    @property
+    def kinetic_energy(self) -> float:
+        """½ Σ_jk M_jk v_j · v_k of the soft body's own mass [J]."""
+        return 0.5 * float(np.sum(self.control_velocities * self.control_momenta))
+
+    @property
+    def kinetic_difference(self) -> float:
+        """How much of it MuJoCo's bodies, which have the point masses alone, do not have [J]."""
+        return self.kinetic_energy - 0.5 * float(self.mass @ (self.control_velocities**2).sum(axis=1))
+
+    @property
+    def linear_momentum(self) -> np.ndarray:
+        """Of the soft body's own mass (3,), in the world [kg m/s]."""
+        return self.control_momenta.sum(axis=0)
+
+    @property
+    def angular_momentum(self) -> np.ndarray:
+        """Of the soft body's own mass about the world's origin (3,) [kg m²/s].
+
+        MuJoCo's own, `subtree_angmom`, knows the masses of bodies only, which is not all of a consistent mass matrix.
+        """
+        return np.cross(self.control_positions, self.control_momenta).sum(axis=0)
+
+    @property
+    def control_momenta(self) -> np.ndarray:
+        """Σ_k M_jk v_k (k, 3) of the control points, in the world [kg m/s]."""
+        velocity = self.control_velocities
+        momentum = self.mass[:, None] * velocity
+        for points, difference in self.mass_difference:
+            momentum[points] += difference @ velocity[points]
+        return momentum
+
+    @property
+    def elastic_forces(self) -> np.ndarray:
+        """(k, 3) on the control points, in the world [N]."""
+        x, forces = self.control_positions, np.zeros((len(self.bodies), 3))
+        for region in self.regions:
+            forces[region.points] += region.response(x[region.points])[0]
+        return forces
+
+    def positions(self, points: ArrayLike) -> np.ndarray:
+        """(n, 3) of material points, in the world [m]."""
+        return self.data.xpos[self.holder] + self._at(points).positions(self.regions, self._local) @ self._axes.T
+
+    def velocities(self, points: ArrayLike) -> np.ndarray:
+        """(n, 3) of material points, in the world [m/s]."""
+        some, twist = self._at(points), np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, self.holder, twist, 0)
+        arms = self.control_positions - self.data.xpos[self.holder]
+        carried = np.asarray(np.cross(twist[:3], arms), np.float64)
+        own = (self.control_velocities - twist[3:] - carried) @ self._axes  # as the holder sees it
+        seen = some.velocities(self.regions, self._local, own) @ self._axes.T
+        away = some.positions(self.regions, self._local) @ self._axes.T
+        return twist[3:] + np.cross(twist[:3], away) + seen
+
+    def apply_force(self, points: ArrayLike, forces: ArrayLike) -> None:
+        """Add forces (n, 3), in the world [N], on material points (n, 3) to the data's `qfrc_applied`.
+
+        As with MuJoCo's own `mj_applyFT` they act in every step until `qfrc_applied` is set again.
+        Raise MjframesError for forces of another shape, and for points that are not of the material.
+        """
+        some, force = self._at(points), np.asarray(forces, np.float64)
+        if force.shape != some.offset.shape or not np.isfinite(force).all():
+            raise MjframesError(f"forces have the shape {force.shape}; give one (x, y, z) in newtons for each point.")
+        on_points = some.control_forces(self.regions, self._local, force @ self._axes) @ self._axes.T
+        for body, at, push in zip(self.bodies.tolist(), self.control_positions, on_points, strict=True):
+            mujoco.mj_applyFT(self.model, self.data, push, np.zeros(3), at, body, self.data.qfrc_applied)
+        torque = np.cross(some.offset @ self._axes.T, force).sum(
+            axis=0
+        )  # of point frames, which do not turn themselves
+        at = self.data.xpos[self.holder]
+        mujoco.mj_applyFT(self.model, self.data, np.zeros(3), torque, at, self.holder, self.data.qfrc_applied)
+
+    def deformation_gradients(self, points: ArrayLike) -> np.ndarray:
+        """F (n, 3, 3) at material points: from volume coordinates to the world, the rotation of the body included."""
+        return self._axes @ self._at(points).deformation_gradients(self.regions, self._local)
+
+    def strains(self, points: ArrayLike) -> np.ndarray:
+        """Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
+        F = self.deformation_gradients(points)
+        return 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
+
+    def stresses(self, points: ArrayLike) -> np.ndarray:
+        """Cauchy's stress (n, 3, 3) at material points, in the world's axes [Pa].
+
+        Elastic stress, without damping.
+        """
+        stress = self._at(points).response(self.regions, self._local)[0]
+        return self._axes @ stress @ self._axes.T
+
+    def energy_densities(self, points: ArrayLike) -> np.ndarray:
+        """Strain energy per volume at rest (n,) at material points [J/m³]."""
+        return self._at(points).response(self.regions, self._local)[1]
+
+    @property
+    def frame_forces(self) -> np.ndarray:
+        """Elastic force on each frame, the sum over its control points (f, 3), in the world [N]."""
+        frame, total = self.body.control.frame, np.zeros((len(self.body.types), 3))
+        np.add.at(total, frame, self.elastic_forces)
+        return total
+
+    @property
+    def constraint_forces(self) -> np.ndarray:
+        """Net force of all constraints on each frame and what was put on its bodies (f, 3), in the world [N].
+
+        NaN for held frames: theirs is part of the force on what holds them.
+        """
+        return self._on_frames(self.data.qfrc_constraint)
+
+    @property
+    def contact_forces(self) -> np.ndarray:
+        """Net force of the soft body's contacts on each frame, shared by the weights there (f, 3), in the world [N].
+
+        NaN for held frames, see `constraint_forces`.
+        """
+        rows = forces.contact_rows(self.model, self.data, self.patches)
+        return self._on_frames(forces.constraint_force(self.model, self.data, rows))
+
+    @property
+    def patch_forces(self) -> np.ndarray:
+        """Net contact force on each patch (p, 3), in the world [N]."""
+        found = [forces.contact_force_on(self.model, self.data, int(geom)) for geom in self.patches]
+        return np.array(found).reshape(-1, 3)
+
+    @property
+    def patches(self) -> np.ndarray:
+        """(p,) geoms of the contact patches."""
+        owner = self.model.body_plugin[self.model.geom_bodyid]
+        return np.flatnonzero((self.model.geom_plugin >= 0) & (owner == self.instance))
+
+    @cached_property
+    def body(self) -> SoftBody:
+        """What was built. Raises MjframesError where it was neither given nor attached in this process."""
+        body = self.given or recall(self.configuration["asset"])
+        if body is None:
+            raise MjframesError(
+                f"the model has no voxels of {self.name!r}, and its SoftBody was not attached here; "
+                f"give it: soft(model, data, {self.name!r}, body=…)."
+            )
+        return body
+
+    @property
+    def _axes(self) -> np.ndarray:
+        """A (3, 3): from the volume's axes to the world's."""
+        return self.data.xmat[self.holder].reshape(3, 3)
+
+    @property
+    def _local(self) -> np.ndarray:
+        """x (k, 3) in volume coordinates, as seen from the holder [m]."""
+        return (self.control_positions - self.data.xpos[self.holder]) @ self._axes
+
+    def _at(self, points: ArrayLike) -> MaterialPoints:
+        """What is known of material points; kept for those asked for last, as the voxels are searched for them."""
+        key = np.asarray(points, np.float64).tobytes()
+        if key not in self._of_points:
+            found = material_points(self.body, self.rest, points)
+            self._of_points.clear()
+            self._of_points[key] = found
+        return self._of_points[key]
+
+    def _on_frames(self, generalized: np.ndarray) -> np.ndarray:
+        return forces.forces_on_frames(self.model, self.data, self.bodies, self.body.control.frame, generalized)
+
+
+def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody | None = None) -> Soft:
+    """The view of the soft body `name`.
+
+    body: what it was built as. Material points and frames need it, where it was not attached in this process.
+    Raises MjframesError where the model has none of that name, and for another body.
+    """
+    instances = _instances(model)
+    if name not in instances:
+        known = ", ".join(map(repr, instances)) or "none"
+        raise MjframesError(f"name is {name!r} but the model's soft bodies are: {known}.")
+    instance = instances[name]
+    configuration = _configuration(model, instance)
+    carriers = np.flatnonzero(model.body_plugin == instance)
+    bodies = np.empty(decode(configuration["point_mass"]).size, int)
+    bodies[decode(configuration["carrier_point"])] = np.repeat(carriers, decode(configuration["carrier_size"]))
+    if body is not None and asset_key(body) != configuration["asset"]:
+        raise MjframesError(f"body is not the one that {name!r} was made of; give the SoftBody that was attached.")
+    moving = carriers[model.body_jntnum[carriers] > 0]
+    return Soft(model, data, name, instance, int(model.body_parentid[moving.min()]), bodies, configuration, body)
+
+
+def soft_names(model: mujoco.MjModel) -> list[str]:
+    """The names of the model's soft bodies."""
+    return list(_instances(model))
+
+
+def _instances(model: mujoco.MjModel) -> dict[str, int]:
+    """Plugin instances that carry control points, by name."""
+    found = {}
+    for instance in np.unique(model.body_plugin[model.body_plugin >= 0]):
+        if "point_rest" in _configuration(model, int(instance)):
+            start = model.name_pluginadr[instance]
+            found[soft_name(model.names[start:].split(b"\0", 1)[0].decode())] = int(instance)
+    return found
+
+
+def _configuration(model: mujoco.MjModel, instance: int) -> dict[str, str]:
+    """The attributes of a plugin instance, by key: "value\\0" for each of the plugin's attributes, in their order."""
+    start = model.plugin_attradr[instance]
+    following = model.plugin_attradr[model.plugin_attradr > start]
+    end = following.min() if len(following) else len(model.plugin_attr)
+    values = bytes(model.plugin_attr[start:end]).split(b"\0")
+    return {key: value.decode() for key, value in zip(ATTRIBUTES, values, strict=False) if value}

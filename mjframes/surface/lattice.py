@@ -1,0 +1,174 @@
+"""The rest shape on a coarse lattice: what a point inside a deformed soft body needs to know (the paper, §5.4).
+
+At each node n the signed distance φ_n to the surface at rest, negative inside, and the control weights W_j(n); between
+nodes both are trilinear. The deformed nodes x(n) = Σ_j W_j(n) x_j then give x at any material point, and inverting that
+map gives the material point at any place: its φ, ∇φ are its depth and, by F⁻ᵀ, its way out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import KDTree
+
+from mjframes.kinematics.shape_functions import ShapeFunctions
+from mjframes.surface.contact_points import ContactPoints
+from mjframes.surface.isosurface import Surface
+from mjframes.volume.grid import Grid
+
+NODES = 8000  # at most: 0.1 MB of distances and indices, and a megabyte of weights
+GROWTH = 1.15  # [-] of the spacing, until the nodes are few enough
+BAND = 2.5  # [cells] outside the surface that nodes reach, so that all cells within half a one of it are complete
+COVERED = 0.9  # [-] share of a node's weight that the control points of its patch must have, if any patch's do
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
+
+    spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.
+    node: (n,) their places in the whole lattice, ascending.  distance: (n,) φ [m].  patch: (n,) the patch whose
+    contact sphere is nearest.  weights: (n, k) W_j.  spheres: (s, 3) the contact spheres' centres, in cells from the
+    first node.
+    """
+
+    spacing: float
+    origin: np.ndarray
+    shape: np.ndarray
+    node: np.ndarray
+    distance: np.ndarray
+    patch: np.ndarray
+    weights: sparse.csr_array
+    spheres: np.ndarray
+
+
+def rest_lattice(
+    grid: Grid,
+    shapes: ShapeFunctions,
+    surface: Surface,
+    spheres: ContactPoints,
+    patch: np.ndarray,
+    sphere_weights: sparse.csr_array,
+) -> Lattice:
+    """The lattice of a soft body, as fine as its voxels if they are not too many.
+
+    shapes: of the body.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
+    """
+    spacing = float(np.min(grid.spacing))
+    # the volume grown by the band, roughly, has to hold no more nodes than that
+    mesh = surface.mesh
+    while mesh.volume + BAND * spacing * mesh.area > NODES * spacing**3:
+        spacing *= GROWTH
+    while True:
+        first, shape, index, nodes = _candidates(grid, surface, spacing)
+        if len(index) <= NODES:
+            break
+        spacing *= GROWTH
+    distance = signed_distance(surface, nodes, spacing)
+    active = distance < BAND * spacing
+    nodes, index, distance = nodes[active], index[active], distance[active]
+    node_weights = shapes.at(grid, nodes)
+    return Lattice(
+        spacing=spacing,
+        origin=grid.axes @ first,
+        shape=shape,
+        node=index,
+        distance=distance,
+        patch=_nearest_patch(nodes, node_weights, spheres.positions, patch, sphere_weights, shapes.control.frame),
+        weights=node_weights,
+        spheres=(spheres.positions @ grid.axes - first) / spacing,
+    )
+
+
+def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The first node (3,) along the volume's axes and the lattice's shape (3,); of the nodes that may be near or inside
+    their places in it (n,) and in volume coordinates (n, 3).
+    """
+    corners = surface.vertices @ grid.axes
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    first = low - (np.ceil(BAND) + 0.5) * spacing
+    shape = np.ceil((high - first) / spacing + BAND + 1).astype(np.int64)
+    index = np.arange(np.prod(shape))
+    nodes = (first + spacing * np.stack(np.unravel_index(index, shape), axis=1)) @ grid.axes.T
+    longest = float(np.linalg.norm(grid.spacing)) + spacing
+    cell = np.floor((nodes - grid.origin) @ grid.axes / grid.spacing).astype(np.int64)
+    near = grid.padded[tuple(np.clip(cell + 1, 0, np.array(grid.padded.shape) - 1).T)] >= 0
+    skin = KDTree(grid.points(grid.outermost))
+    near[~near] = skin.query(nodes[~near], distance_upper_bound=BAND * spacing + longest)[0] < np.inf
+    return first, shape, index[near], nodes[near]
+
+
+def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.ndarray:
+    """(n,) of points (n, 3) to a closed surface, negative inside [m].
+
+    Exact where the nearest triangle holds one of the surface samples, `spacing` / 2 apart, nearest to the point.
+    """
+    a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
+    longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
+    pieces = np.maximum(1, np.ceil(2 * longest / spacing).astype(int))
+    samples, owner = [], []
+    for count in np.unique(pieces):
+        some = np.flatnonzero(pieces == count)
+        u, v = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T / count
+        samples.append(
+            (a[some, None] + u[:, None] * (b - a)[some, None] + v[:, None] * (c - a)[some, None]).reshape(-1, 3)
+        )
+        owner.append(np.repeat(some, len(u)))
+    near = np.asarray(KDTree(np.concatenate(samples)).query(points, k=8)[1])
+    candidates = np.concatenate(owner)[near]
+    normals = surface.mesh.vertex_normals[surface.faces]
+    best, sign = np.full(len(points), np.inf), np.ones(len(points))
+    for triangle in candidates.T:
+        weight = _closest_weights(points, a[triangle], b[triangle], c[triangle])
+        offset = points - np.einsum("nc,nci->ni", weight, surface.vertices[surface.faces[triangle]])
+        distance = np.linalg.norm(offset, axis=1)
+        normal = np.einsum("nc,nci->ni", weight, normals[triangle])
+        better = distance < best
+        best[better] = distance[better]
+        sign[better] = np.where((offset * normal).sum(axis=1) < 0, -1, 1)[better]
+    return sign * best
+
+
+def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """(n, 3) barycentric coordinates of the points of triangles a, b, c (n, 3) that are nearest to p (n, 3)."""
+    normal = np.cross(b - a, c - a)
+    area = np.maximum((normal**2).sum(axis=1), 1e-300)
+    inside = np.stack([(np.cross(y - x, p - x) * normal).sum(axis=1) / area for x, y in ((b, c), (c, a), (a, b))], 1)
+    weights, best = inside, np.where((inside >= 0).all(axis=1), 0.0, np.inf)
+    for i, (x, y) in enumerate(((a, b), (b, c), (c, a))):
+        edge = y - x
+        t = np.clip(((p - x) * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300), 0, 1)
+        distance = np.linalg.norm(p - x - t[:, None] * edge, axis=1)
+        better = distance < best
+        best = np.where(better, distance, best)
+        on_edge = np.zeros((len(p), 3))
+        on_edge[:, i], on_edge[:, (i + 1) % 3] = 1 - t, t
+        weights = np.where(better[:, None], on_edge, weights)
+    return weights
+
+
+def _nearest_patch(
+    nodes: np.ndarray,
+    weights: sparse.csr_array,
+    centers: np.ndarray,
+    patch: np.ndarray,
+    sphere_weights: sparse.csr_array,
+    frame: np.ndarray,
+) -> np.ndarray:
+    """(n,) the patch of the nearest contact sphere; of the nearest eight the first whose points move the node.
+
+    centers (s, 3), patch (s,) and sphere_weights (s, k) of the spheres; frame (k,) of the control points.
+    """
+    moved_by = np.zeros((patch.max() + 1, frame.max() + 1))
+    entries = sphere_weights.tocoo()
+    moved_by[patch[entries.row], frame[entries.col]] = 1
+    share = np.zeros((len(nodes), frame.max() + 1))
+    entries = weights.tocoo()
+    np.add.at(share, (entries.row, frame[entries.col]), entries.data)
+    near = KDTree(centers).query(nodes, k=min(8, len(centers)))[1].reshape(len(nodes), -1)
+    covered = (share @ moved_by.T)[np.arange(len(nodes))[:, None], patch[near]]
+    good = covered > COVERED
+    choice = np.where(good.any(axis=1), good.argmax(axis=1), covered.argmax(axis=1))
+    return patch[near][np.arange(len(nodes)), choice]

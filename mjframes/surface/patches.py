@@ -1,0 +1,57 @@
+"""Contact spheres grouped into patches (one geom each) and clusters (one contact each); the paper, §5.4.
+
+A patch holds the spheres whose deepest frame in the tree is the same, because its geom's body must carry every degree
+of freedom that moves it, and whose surface faces the same way (± one of the three axes), because a flat floor or a wall
+then meets few patches. Each patch is cut into at most CLUSTERS compact clusters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.cluster.vq import kmeans2
+
+from mjframes.kinematics.control import ControlPoints
+
+CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Of s spheres, sorted by patch and cluster.
+
+    order: (s,) the spheres in this order.  patch, cluster: (s,) of each sphere in this order, from 0.
+    """
+
+    order: np.ndarray
+    patch: np.ndarray
+    cluster: np.ndarray
+
+
+def group_patches(
+    centers: np.ndarray, normals: np.ndarray, weights: sparse.csr_array, control: ControlPoints
+) -> Patches:
+    """centers (s, 3) [m], outward normals (s, 3), control weights (s, k); frames numbered depth first."""
+    deepest = np.maximum.reduceat(control.frame[weights.indices], weights.indptr[:-1])
+    axis = np.argmax(np.abs(normals), axis=1)
+    facing = 2 * axis + (normals[np.arange(len(normals)), axis] > 0)
+    patch = np.unique(6 * deepest + facing, return_inverse=True)[1]
+    cluster = np.zeros(len(centers), int)
+    for number in range(patch.max() + 1):
+        members = np.flatnonzero(patch == number)
+        cluster[members] = _clusters(centers[members])
+    order = np.lexsort((cluster, patch))
+    return Patches(order, patch[order], cluster[order])
+
+
+def _clusters(points: np.ndarray) -> np.ndarray:
+    """(s,) cluster of each point: k-means from farthest points, numbered without gaps."""
+    seeds = [0]
+    distance = np.linalg.norm(points - points[0], axis=1)
+    while len(seeds) < CLUSTERS and distance.max() > 0:
+        seeds.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(points - points[seeds[-1]], axis=1))
+    label = kmeans2(points, points[seeds], minit="matrix", missing="warn", iter=20)[1]
+    return np.unique(label, return_inverse=True)[1]

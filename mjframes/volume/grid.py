@@ -1,0 +1,241 @@
+"""The voxels inside a volume as a compact list, with the material of each.
+
+Voxel v has its centre at p_v = origin + axes · (spacing ∘ (index_v + ½)), in volume coordinates [m].
+Everything after this stage works on these n voxels, never on the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from mjframes.base.constants import RIGID_RATIO
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+EVEN, COMPLIANCE = "even", "compliance"  # metrics: geodesic distance within the body, and the paper's (5)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The n voxels inside a volume, in C order of their indices.
+
+    index: (n, 3) int32.  padded: (nx + 2, ny + 2, nz + 2) int32, `lookup` with a border of −1 around it.
+    spacing: (3,) [m].  axes: (3, 3), column a is the direction of index axis a.  origin: (3,) [m].
+    cell_volume: of one voxel [m³].  labels, table: (m,) the labels present and their materials, with rigid ones just
+    stiff enough.  material: (n,) unsigned integers, the place of each voxel's material in `table`.
+    piece: (n,) int32, number of the connected rigid piece (26 neighbours), −1 where soft.
+    """
+
+    index: NDArray[np.int32]
+    padded: NDArray[np.int32]
+    spacing: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    cell_volume: float
+    labels: NDArray[np.unsignedinteger]
+    table: tuple[Material, ...]
+    material: NDArray[np.unsignedinteger]
+    piece: NDArray[np.int32]
+
+    @property
+    def lookup(self) -> NDArray[np.int32]:
+        """(nx, ny, nz) a view: the voxel's number, or −1 outside."""
+        return self.padded[1:-1, 1:-1, 1:-1]
+
+    def points(self, voxels: NDArray[np.integer] | slice) -> NDArray[np.float64]:
+        """(v, 3) the centres of some voxels in volume coordinates [m]."""
+        return self.origin + (self.index[voxels] + 0.5) * self.spacing @ self.axes.T
+
+    @cached_property
+    def centers(self) -> NDArray[np.float64]:
+        """(n, 3) of all, kept from the first use on: `points` is for those who need a few at a time."""
+        return self.points(slice(None))
+
+    @cached_property
+    def outermost(self) -> NDArray[np.int32]:
+        """The voxels with a face neighbour outside: the nearest one to any point outside is one of them."""
+        inside = self.padded >= 0
+        core = np.asarray(ndimage.binary_erosion(inside, ndimage.generate_binary_structure(3, 1)), bool)
+        return self.padded[inside & np.logical_not(core)]
+
+    @property
+    def length(self) -> float:
+        """[m] from the first to the last centre, along the index axis where that is longest."""
+        return float(np.max(np.ptp(self.index, axis=0) * self.spacing))
+
+    @property
+    def label(self) -> NDArray[np.unsignedinteger]:
+        """(n,) the material's label."""
+        return self.labels[self.material]
+
+    @cached_property
+    def young(self) -> NDArray[np.float64]:
+        """(n,) [Pa]"""
+        return self.per_material("young")[self.material]
+
+    @cached_property
+    def lam(self) -> NDArray[np.float64]:
+        """(n,) Lamé's λ [Pa]"""
+        return self.per_material("lam")[self.material]
+
+    @cached_property
+    def mu(self) -> NDArray[np.float64]:
+        """(n,) Lamé's μ [Pa]"""
+        return self.per_material("mu")[self.material]
+
+    @cached_property
+    def density(self) -> NDArray[np.float64]:
+        """(n,) [kg/m³]"""
+        return self.per_material("density")[self.material]
+
+    @cached_property
+    def compliance(self) -> NDArray[np.float64]:
+        """(n,) [1/Pa], 0 where rigid"""
+        return self.per_material("compliance")[self.material]
+
+    def per_material(self, name: str) -> NDArray[np.float64]:
+        """(m,) a property of the materials of `table`: young, lam, mu, density or compliance."""
+        if name in ("lam", "mu"):
+            return np.array([material.lame[name == "mu"] for material in self.table])
+        return np.array([getattr(material, name) for material in self.table], np.float64)
+
+
+def voxel_grid(volume: Volume) -> Grid:
+    """The compact list of the voxels inside `volume`."""
+    labels = np.ascontiguousarray(volume.labels)
+    n = int(np.count_nonzero(labels))
+    padded = np.full([size + 2 for size in labels.shape], -1, np.int32)
+    index = np.empty((n, 3), np.int32)
+    known = np.array(sorted(volume.materials), labels.dtype)
+    material = np.empty(n, np.min_scalar_type(len(known)))
+    _list_voxels(labels, known, padded, index, material)
+    present = np.flatnonzero(np.bincount(material, minlength=len(known)))
+    if len(present) < len(known):
+        place = np.zeros(len(known), material.dtype)
+        place[present] = np.arange(len(present))
+        material = place[material]
+    table = [volume.materials[int(label)] for label in known[present]]
+    is_rigid = np.array([m.is_rigid for m in table])
+    piece = np.full(n, -1, np.int32)
+    if is_rigid.any():
+        _number_pieces(index, padded, material, is_rigid, piece)
+    return Grid(
+        index=index,
+        padded=padded,
+        spacing=volume.spacing,
+        axes=volume.axes,
+        origin=volume.origin,
+        cell_volume=float(np.prod(volume.spacing)),
+        labels=known[present],
+        table=tuple(_strain_moduli(table)),
+        material=material,
+        piece=piece,
+    )
+
+
+def evened(grid: Grid) -> Grid:
+    """Return the same voxels as if all that is not rigid were one material: compliance distance is then geodesic."""
+    alike = replace(grid.table[0], young=1.0, is_rigid=False)
+    return replace(grid, table=tuple(material if material.is_rigid else alike for material in grid.table))
+
+
+def with_materials(grid: Grid, elasticity: Sequence[tuple[float, float]]) -> Grid:
+    """Return the same voxels with Young's modulus [Pa] and Poisson's ratio [-] of each material of the table."""
+    pairs = zip(grid.table, elasticity, strict=True)
+    return replace(grid, table=tuple(replace(some, young=young, poisson=poisson) for some, (young, poisson) in pairs))
+
+
+def nearest_voxels(grid: Grid, points: ArrayLike, within: int) -> NDArray[np.int64]:
+    """The voxel (s,) whose centre is nearest to each point, counted in voxels along the axes; −1 where none is so near.
+
+    points: (s, 3) volume coordinates [m].  within: [voxels].
+    """
+    at = (np.asarray(points, np.float64) - grid.origin) @ grid.axes / grid.spacing - 0.5
+    return _nearest(np.clip(at, -1e6, 1e6), grid.lookup, within)
+
+
+def _strain_moduli(table: list[Material]) -> list[Material]:
+    """The materials with rigid ones made just stiff enough: more buys no rigidity, only energy of second-order stretch.
+
+    A point on a circle that moves along its tangent for a step leaves the circle, and a stiff body pays E for that.
+    """
+    stiffest = max((m.young for m in table if not m.is_rigid), default=np.inf)
+    return [replace(m, young=min(m.young, RIGID_RATIO * stiffest)) if m.is_rigid else m for m in table]
+
+
+@njit(cache=True, nogil=True)
+def _list_voxels(labels, known, padded, index, material):
+    v = 0
+    place = 0
+    for a in range(labels.shape[0]):
+        for b in range(labels.shape[1]):
+            for c in range(labels.shape[2]):
+                label = labels[a, b, c]
+                if label == 0:
+                    continue
+                if known[place] != label:
+                    place = np.searchsorted(known, label)
+                material[v] = place
+                index[v, 0], index[v, 1], index[v, 2] = a, b, c
+                padded[a + 1, b + 1, c + 1] = v
+                v += 1
+
+
+@njit(cache=True, nogil=True)
+def root_of(parent, v):
+    """The representative of v's set, with the paths to it halved on the way (union–find)."""
+    while parent[v] != v:
+        parent[v] = parent[parent[v]]
+        v = parent[v]
+    return v
+
+
+@njit(cache=True, nogil=True)
+def _number_pieces(index, padded, material, is_rigid, piece):
+    """Numbers in the order of the pieces' first voxels."""
+    for v in range(len(piece)):  # the array holds the parents of the rigid voxels first
+        if not is_rigid[material[v]]:
+            continue
+        piece[v] = v
+        a, b, c = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
+        for k in range(13):  # the neighbours before v
+            u = padded[a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1]
+            if u >= 0 and piece[u] >= 0:
+                first, second = root_of(piece, u), root_of(piece, v)
+                piece[max(first, second)] = min(first, second)
+    count = 0
+    for v in range(len(piece)):  # parents come before children, so they have their number already
+        if piece[v] == v:
+            piece[v] = -2 - count
+            count += 1
+        elif piece[v] >= 0:
+            piece[v] = piece[piece[v]]
+    for v in range(len(piece)):
+        if piece[v] < -1:
+            piece[v] = -2 - piece[v]
+
+
+@njit(cache=True, nogil=True)
+def _nearest(at, lookup, within):
+    voxel = np.full(len(at), -1, np.int64)
+    for s in range(len(at)):
+        low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+        for axis in range(3):
+            low[axis] = max(0, int(np.ceil(at[s, axis] - within)))
+            high[axis] = min(lookup.shape[axis] - 1, int(np.floor(at[s, axis] + within)))
+        best = float(within * within)
+        for a in range(low[0], high[0] + 1):
+            for b in range(low[1], high[1] + 1):
+                for c in range(low[2], high[2] + 1):
+                    square = (a - at[s, 0]) ** 2 + (b - at[s, 1]) ** 2 + (c - at[s, 2]) ** 2
+                    if lookup[a, b, c] >= 0 and (square < best or (square == best and voxel[s] < 0)):
+                        best = square
+                        voxel[s] = lookup[a, b, c]
+    return voxel

@@ -1,0 +1,232 @@
+"""Label images from files: p̄(index) = origin + Σ_a axes[:, a] spacing[a] (index_a + ½ − origin_index), all in metres.
+
+Input of the whole pipeline (the paper, §4: material maps sampled on a voxel grid). Each reader returns the file's
+contents as they are, converted to SI and, where they say that they show an anatomy, to RAS coordinates (x to the
+right, y to the front, z up); `volume.py` judges and normalises them. Images place the centre of their first
+voxel, .npz files its corner: `origin_index` says which.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.base.constants import KIND, VOLUME_VERSION
+from mjframes.base.errors import MjframesError, Notice
+from mjframes.volume.material import Material
+from mjframes.volume.metaimage import read_metaimage
+
+METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3, "millimetre": 1e-3}
+METRES |= {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6}
+METRES |= {"": 1e-3, "unknown": 1e-3, "???": 1e-3}  # scanners write millimetres, whether or not they say so
+TO_RAS = {  # by NRRD's field `space`: which coordinates change their sign; others stay as they are
+    "las": (-1, 1, 1),
+    "left-anterior-superior": (-1, 1, 1),
+    "3d-left-handed": (-1, 1, 1),
+    "lps": (-1, -1, 1),
+    "left-posterior-superior": (-1, -1, 1),
+}
+
+
+class ImageWarning(Notice):
+    """An image does not say what it should: what is missing and how it was taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class LabelImage:
+    """labels: array as stored.  spacing (3,) [m], origin (3,) [m]: None where the file says nothing.
+    axes (3, 3): column a is the unit direction of index axis a, maybe left-handed or sheared.
+    origin_index: index position of `origin` in the first voxel, ½ its centre, 0 its corner.
+    materials: None where the file has none."""
+
+    labels: NDArray[Any]
+    spacing: NDArray[np.float64] | None = None
+    axes: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    origin: NDArray[np.float64] | None = None
+    origin_index: float = 0.0
+    materials: Mapping[int, Material] | None = None
+
+
+def read_image(path: Path) -> LabelImage:
+    """The label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha or .mhd file.
+
+    Raises MjframesError if the file is missing, of another type, unreadable or truncated, or if the package that reads
+    it is not installed.
+    """
+    readers = {".npz": _read_npz, ".npy": _read_npy, ".nrrd": _read_nrrd, ".nii": _read_nifti, ".nii.gz": _read_nifti}
+    readers |= {".mha": _read_metaimage, ".mhd": _read_metaimage}
+    reader = next((read for suffix, read in readers.items() if path.name.lower().endswith(suffix)), None)
+    if reader is None:
+        raise MjframesError(
+            f"{path}: label images of this type cannot be read; convert it to .npz, .nrrd, .nii.gz or .mha."
+        )
+    if not path.is_file():
+        raise MjframesError(f"{path}: there is no such file; labels must be an array or the path of a label image.")
+    try:
+        return reader(path)
+    except MjframesError:
+        raise
+    except Exception as error:  # a damaged file can fail anywhere in three foreign readers: zlib, zip, parsers, reshape
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+
+
+def _read_npz(path: Path) -> LabelImage:
+    with path.open("rb") as file:
+        if file.read(2) != b"PK":
+            raise MjframesError(f"{path}: this is not an .npz archive; write it with Volume.save or numpy.savez.")
+    with np.load(path, allow_pickle=False) as archive:
+        if str(archive.get("kind")) == KIND:
+            raise MjframesError(f"{path}: this is a soft body, which is built already; read it with SoftBody.load.")
+        if "format_version" in archive and (version := int(archive["format_version"])) != VOLUME_VERSION:
+            raise MjframesError(
+                f"{path}: the volume has format version {version}, this mjframes reads {VOLUME_VERSION}; save it anew."
+            )
+        labels = archive["labels"] if "labels" in archive else _only_labels(path, archive)
+        spacing, origin = (archive.get(name) for name in ("spacing", "origin"))
+        axes = archive["axes"].astype(np.float64) if "axes" in archive else np.eye(3)
+        materials = _parse_materials(path, str(archive["materials"])) if "materials" in archive else None
+    if not isinstance(labels, np.ndarray):  # NumPy hands out the bytes of a member that is no array
+        raise MjframesError(f"{path}: its member 'labels' is not an array; write the file with numpy.savez.")
+    return LabelImage(labels, spacing, axes, origin, materials=materials)
+
+
+def _only_labels(path: Path, archive: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    arrays = [a for a in map(np.asarray, archive.values()) if a.ndim == 3 and a.dtype.kind in "biu"]
+    if len(arrays) != 1:
+        raise MjframesError(
+            f"{path}: the archive has no array 'labels' and {len(arrays)} three-dimensional integer arrays; "
+            "name the one to read 'labels'."
+        )
+    return arrays[0]
+
+
+def write_materials(materials: Mapping[int, Material]) -> str:
+    """The materials as JSON, for an .npz file."""
+    return json.dumps({str(label): vars(material) for label, material in sorted(materials.items())})
+
+
+def _parse_materials(path: Path, text: str) -> dict[int, Material]:
+    try:
+        entries: dict[str, dict[str, Any]] = json.loads(text)
+        return {int(label): Material(**{**entry, "rgba": tuple(entry["rgba"])}) for label, entry in entries.items()}
+    except MjframesError as error:
+        raise MjframesError(f"{path}: {error}") from error
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise MjframesError(f"{path}: 'materials' is not what Volume.save writes; leave it out of the file.") from error
+
+
+def _read_npy(path: Path) -> LabelImage:
+    return LabelImage(np.load(path, allow_pickle=False))
+
+
+def _read_metaimage(path: Path) -> LabelImage:
+    image = read_metaimage(path)
+    if image.labels.ndim != 3 or image.spacing is None:
+        return LabelImage(image.labels)
+    scale = _scale(path, [image.unit] * 3) * ((-1, -1, 1) if image.is_anatomy else (1, 1, 1))
+    center = None if image.center is None else scale * image.center
+    return _from_steps(path, image.labels, scale[:, None] * image.axes * image.spacing, center)
+
+
+def _read_nrrd(path: Path) -> LabelImage:
+    labels, header = _import("nrrd", path).read(str(path))
+    if labels.ndim != 3:
+        return LabelImage(labels)  # refused later, like every array that is not 3-D
+    scale = _scale(path, header.get("space units", header.get("units", [""] * 3)))
+    scale = scale * TO_RAS.get(str(header.get("space", "")).lower(), (1, 1, 1))
+    if "space directions" in header:
+        steps = np.asarray(header["space directions"], np.float64).T
+    else:
+        steps = np.diag(np.asarray(header.get("spacings", [np.nan] * 3), np.float64))
+        if np.isnan(steps).any():
+            return LabelImage(labels)
+    origin = header.get("space origin")
+    return _from_steps(path, labels, scale[:, None] * steps, None if origin is None else scale * np.asarray(origin))
+
+
+def _read_nifti(path: Path) -> LabelImage:
+    image = _import("nibabel", path).load(path)
+    header = image.header
+    unit = header.get_xyzt_units()[0]
+    if unit == "unknown":
+        warnings.warn(
+            f"{path}: its header has no unit of length; voxels of {header.get_zooms()[0]:g} are taken as millimetres; "
+            "give spacing= or --spacing where they are not.",
+            ImageWarning,
+            stacklevel=2,
+        )
+    scale = _scale(path, [unit] * 3)
+    labels = _nifti_labels(path, image)
+    if labels.ndim > 3 and max(labels.shape[3:]) == 1:
+        labels = labels.reshape(labels.shape[:3])
+    if labels.ndim != 3:
+        return LabelImage(labels)
+    if header["sform_code"] > 0 or header["qform_code"] > 0:
+        return _from_steps(path, labels, scale[:, None] * image.affine[:3, :3], scale * image.affine[:3, 3])
+    # nibabel would make up a mirrored, centred affine here; the standard only gives voxel sizes ("method 1")
+    return _from_steps(path, labels, np.diag(scale * header.get_zooms()[:3]), None)
+
+
+def _nifti_labels(path: Path, image: Any) -> NDArray[Any]:
+    """The voxels as nibabel has them, those of integers slice by slice: an image that is mostly outside takes little.
+
+    Slices of zeros are not written, and so are no memory; nibabel would hold all of the file twice.
+    """
+    stored = image.dataobj
+    is_plain = stored.dtype.kind in "iu" and (stored.slope, stored.inter) == (1, 0) and len(stored.shape) == 3
+    if not is_plain:
+        return np.asanyarray(stored)
+    openers = _import("nibabel.openers", path)
+    nx, ny, nz = stored.shape
+    labels = np.zeros(stored.shape, np.uint8, order="F")
+    with openers.ImageOpener(stored.file_like) as file:
+        file.seek(stored.offset)
+        for c in range(nz):
+            data = file.read(nx * ny * stored.dtype.itemsize)
+            values = np.frombuffer(data, stored.dtype).reshape((nx, ny), order="F")
+            low, high = int(values.min()), int(values.max())
+            if low < 0:
+                return np.asanyarray(stored)
+            if high > np.iinfo(labels.dtype).max:
+                labels = labels.astype(np.min_scalar_type(high))
+            if high > 0:
+                labels[..., c] = values
+    return labels
+
+
+def _from_steps(
+    path: Path, labels: NDArray[Any], steps: NDArray[np.float64], center: NDArray[np.float64] | None
+) -> LabelImage:
+    """steps (3, 3) [m]: column a is one voxel along index axis a.  center (3,) [m] of the first voxel."""
+    spacing = np.linalg.norm(steps, axis=0) if steps.shape == (3, 3) else np.full(3, np.nan)
+    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
+        raise MjframesError(
+            f"{path}: the voxel steps in its header are {steps.T.tolist()} [m]; they must be three non-zero vectors."
+        )
+    if center is None:
+        return LabelImage(labels, spacing, steps / spacing)
+    return LabelImage(labels, spacing, steps / spacing, np.asarray(center, np.float64), origin_index=0.5)
+
+
+def _scale(path: Path, units: list[str]) -> NDArray[np.float64]:
+    names = [str(unit).strip().strip('"').lower() for unit in units]
+    if unknown := [name for name in names if name not in METRES]:
+        raise MjframesError(f"{path}: its length unit is {unknown[0]!r}; it must be m, cm, mm or µm.")
+    return np.array([METRES[name] for name in names])
+
+
+def _import(name: str, path: Path) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        package = {"nrrd": "pynrrd"}.get(name, name)
+        raise MjframesError(f'{path}: reading it needs {package}; run pip install "mjframes[images]".') from error

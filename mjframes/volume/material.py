@@ -1,0 +1,83 @@
+"""Linear isotropic materials: Hooke's law σ = λ tr(ε) I + 2 μ ε (the paper, §2), and the compliance 1/E of §4.1."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjframes.base.constants import RIGID_POISSON, RIGID_YOUNG
+from mjframes.base.errors import MjframesError
+
+YOUNG = (1e-3, 1e15)  # [Pa] far beyond foam and diamond; in between no square of a stiffness overflows
+DENSITY = (1e-6, 1e9)  # [kg/m³]
+
+
+@dataclass(frozen=True)
+class Material:
+    """One material of a volume.
+
+    young: Young's modulus [Pa], 1e-3 to 1e15.  poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.
+    density: [kg/m³], 1e-6 to 1e9.  name, rgba: how it is called and drawn.  is_rigid: made by `Material.rigid`.
+    law_constants: of a law for large strains, by name, where those of `young` and `poisson` will not do; see `laws`.
+    Raises MjframesError for values outside these ranges.
+    """
+
+    young: float
+    poisson: float
+    density: float
+    name: str = ""
+    rgba: tuple[float, float, float, float] = (0.8, 0.6, 0.55, 1.0)
+    is_rigid: bool = False
+    law_constants: Mapping[str, float] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        of = f" of material {self.name!r}" if self.name else ""
+        if not isinstance(self.name, str):
+            raise MjframesError(f"name of a material is {self.name!r}; it must be text.")
+        if not (is_number(self.young) and YOUNG[0] <= self.young <= YOUNG[1]):
+            raise MjframesError(
+                f"young{of} is {self.young!r}; it must be a positive Young's modulus in pascals, "
+                f"{YOUNG[0]:g} to {YOUNG[1]:g}."
+            )
+        if not (is_number(self.poisson) and 0 <= self.poisson < 0.5):
+            raise MjframesError(f"poisson{of} is {self.poisson!r}; it must lie in [0, 0.5), for flesh take 0.45.")
+        if not (is_number(self.density) and DENSITY[0] <= self.density <= DENSITY[1]):
+            raise MjframesError(
+                f"density{of} is {self.density!r}; it must be a positive density in kg/m³, "
+                f"{DENSITY[0]:g} to {DENSITY[1]:g}."
+            )
+        if np.shape(self.rgba) != (4,) or not all(is_number(c) and 0 <= c <= 1 for c in self.rgba):
+            raise MjframesError(f"rgba{of} is {self.rgba!r}; it must be four numbers between 0 and 1.")
+        constants = self.law_constants
+        if not isinstance(constants, Mapping) or not all(map(is_number, constants.values())):
+            raise MjframesError(f'law_constants{of} is {constants!r}; it must map names to numbers, as {{"mu": 2e4}}.')
+
+    @classmethod
+    def rigid(
+        cls, density: float, *, name: str = "", rgba: tuple[float, float, float, float] = (0.93, 0.9, 0.8, 1.0)
+    ) -> Material:
+        """A material that does not deform: all its points share one weight vector (the paper, §4.4)."""
+        return cls(RIGID_YOUNG, RIGID_POISSON, density, name=name, rgba=rgba, is_rigid=True)
+
+    @property
+    def compliance(self) -> float:
+        """1/E [1/Pa] for the compliance distance (5); 0 for a rigid material."""
+        return 0.0 if self.is_rigid else 1.0 / self.young
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """Lamé's (λ, μ) [Pa]."""
+        e, nu = self.young, self.poisson
+        return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a real, finite number, and no truth value or text."""
+    return (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )

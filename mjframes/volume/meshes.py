@@ -1,0 +1,335 @@
+"""Surface meshes from files, made fit to tell inside from outside: p is inside where its winding number w(p) > ½.
+
+w(p) = Σ_t Ω_t(p) / 4π, Ω_t the signed solid angle of triangle t seen from p. For a closed surface w is an integer,
+for an open one a smooth guess at it (Jacobson et al. 2013, "generalized winding number"). What that makes of imperfect
+surfaces is the policy here, and each case is said in a notice:
+
+- equal vertices are merged; repeated triangles count once, and two of opposite orientation cancel;
+- a shell (connected triangles) whose triangles disagree about their outer side is made consistent and turned outwards;
+- a shell that is inside out is turned, with all it encloses. A shell within another keeps its orientation relative to
+  that one: the opposite one is a cavity, the same one is more of the solid;
+- parts that overlap count once; parts that a self-intersection turns inside out (w < 0) are outside;
+- holes are closed by the surface where w = ½.
+
+Refused: meshes without triangles, flat ones, and loose triangles that enclose nothing.
+First stage of the pipeline (the paper, §4, voxelizes closed surfaces), before `voxelize.py`. All is SI.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError, Notice
+
+if TYPE_CHECKING:
+    import trimesh
+
+MeshLike: TypeAlias = "str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene"
+MESH_TYPES = (".obj", ".stl", ".ply", ".off", ".glb")
+MERGE = 1e-6  # [-] of the mesh's diagonal: nearer vertices are the same, exporters round to about 1e-7
+FLAT = 1e-5  # [-] smallest to largest extent of a mesh that has no inside
+UNDECIDED = 0.25  # [-] distance of w from an integer beyond which it says little; share of such places that is too much
+PROBES = 20  # a side of the mesh's box, for places to look at
+MIXED = "the surface has triangles of mixed orientation"
+WITNESSES = 16  # [-] vertices that all must lie within another shell for a shell to be a cavity
+
+
+class MeshWarning(Notice):
+    """A surface is not what it should be: what is wrong with it and how it was taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """An oriented triangle mesh, normals outwards.
+
+    name: file or number, for messages.  vertices: (n, 3) [m].  faces: (m, 3) int64.
+    notices: (k,) sentences about what was wrong and what was done.
+    open_edges: how many edges have no other side; 0 for a closed surface.
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    notices: tuple[str, ...] = ()
+
+    @cached_property
+    def open_edges(self) -> int:
+        return len(_open_edges(self.faces)[0])
+
+
+def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
+    """The surface in a file (.obj .stl .ply .off .glb) or a trimesh object, cleaned as the module's text says.
+
+    name: what messages call it where it is no file.  scale: [m] that one unit of the mesh is long.
+    Raises MjframesError if the file is missing, unreadable or of another type, or if the mesh cannot have an inside.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        name = os.fspath(source)
+        points, triangles = _read(Path(source))
+    else:
+        points, triangles = _arrays(name, source)
+    points = points * scale
+    if not np.isfinite(points).all() or (len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points)):
+        raise MjframesError(f"{name}: it has vertices that are no points in space; export the mesh anew.")
+    points, triangles = _merge(points, triangles)
+    if len(triangles) == 0:
+        raise MjframesError(f"{name}: there are no triangles in it; a volume needs a closed surface.")
+    _refuse_flat(name, points)
+
+    notices = []
+    triangles, dropped = _drop_repeated(triangles)
+    if dropped:
+        notices.append(f"{name}: {_count(dropped, 'repeated triangle')} dropped.")
+    shell = _shells(len(points), triangles)
+    triangles, mixed = _make_consistent(name, triangles, shell)
+    if mixed.any():
+        which = f"{mixed.sum()} of {len(mixed)} shells have" if len(mixed) > 1 else "it has"
+        notices.append(f"{name}: {which} triangles of mixed orientation; they were made consistent.")
+    turned = _inside_out(points, triangles, shell, mixed)
+    triangles = np.where(turned[shell][:, None], triangles[:, ::-1], triangles)
+    if (turned & ~mixed).any():
+        which = f"{(turned & ~mixed).sum()} of {len(turned)} shells are" if len(turned) > 1 else "it is"
+        notices.append(f"{name}: {which} inside out; the triangles were turned.")
+    surface = Surface(name, points, triangles, tuple(notices))
+    if surface.open_edges == 0:
+        return surface
+    _refuse_loose(surface)
+    text = (
+        f"{name}: the surface is not watertight ({_count(surface.open_edges, 'open edge')}, {len(triangles)} triangles)"
+    )
+    text += "; inside is where its generalized winding number exceeds 1/2, which closes the holes."
+    return replace(surface, notices=(*notices, text))
+
+
+def mesh_contents(source: MeshLike, name: str) -> tuple[object, ...]:
+    """All of `source` that `load_surface` depends on, for `mjframes.base.cache`: a file's path and contents, or arrays.
+
+    Raises MjframesError for what is neither.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return os.fspath(source), Path(source)  # messages have the path
+    return _arrays(name, source)
+
+
+def lids(surface: Surface) -> Surface:
+    """What closes an open surface: for each hole the cone from its edge to its middle.
+
+    Surface and lids together are closed, so w = w_together − w_lids has an integer and few triangles to sum over.
+    """
+    tail, head, balance = _open_edges(surface.faces)
+    n = len(surface.vertices)
+    links = scipy.sparse.coo_array((np.ones(len(tail), bool), (tail, head)), (n, n))
+    hole = scipy.sparse.csgraph.connected_components(links, directed=False)[1][tail]
+    hole = np.unique(hole, return_inverse=True)[1]
+    center = (surface.vertices[tail] + surface.vertices[head]) / 2
+    middle = np.stack([np.bincount(hole, center[:, x]) for x in range(3)], axis=1) / np.bincount(hole)[:, None]
+    triangles = np.stack([head, tail, n + hole], axis=1)
+    return Surface(surface.name, np.concatenate([surface.vertices, middle]), np.repeat(triangles, balance, axis=0), ())
+
+
+def import_igl(name: str, fault: str = "the surface is not watertight") -> Any:
+    """libigl, for surfaces with a fault.  Raises MjframesError that names it and says how to get libigl."""
+    try:
+        return importlib.import_module("igl")
+    except ImportError as error:
+        raise MjframesError(
+            f'{name}: {fault} and needs libigl; run pip install "mjframes[meshes]" or repair it.'
+        ) from error
+
+
+def winding_number(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """w (q,) at points (q, 3) of triangles (m, 3, 3), by the sum over all of them (van Oosterom and Strackee 1983)."""
+    w = np.empty(len(points))
+    for q, point in enumerate(points):
+        a, b, c = np.moveaxis(triangles - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+        above = np.einsum("mx,mx->m", a, np.cross(b, c))
+        dot_ab, dot_bc, dot_ca = (np.einsum("mx,mx->m", u, v) for u, v in ((a, b), (b, c), (c, a)))
+        w[q] = np.arctan2(above, la * lb * lc + dot_ab * lc + dot_bc * la + dot_ca * lb).sum() / (2 * math.pi)
+    return w
+
+
+def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    import trimesh
+
+    if path.suffix.lower() not in MESH_TYPES:
+        raise MjframesError(f"{path}: meshes of this type cannot be read; export it as {', '.join(MESH_TYPES)}.")
+    if not path.is_file():
+        raise MjframesError(f"{path}: there is no such file; a mesh is a trimesh object or the path of a mesh file.")
+    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+    try:
+        return _arrays(str(path), trimesh.load_scene(path, process=False, **options))
+    except MjframesError:
+        raise
+    except Exception as error:  # a damaged file can fail anywhere in five foreign readers
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+
+
+def _arrays(name: str, mesh: object) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 3) and faces (m, 3) of one mesh or of all in a scene, placed as its nodes say."""
+    import trimesh
+
+    if isinstance(mesh, trimesh.Scene):
+        parts = [part for part in mesh.dump() if isinstance(part, trimesh.Trimesh)]
+    elif isinstance(mesh, trimesh.Trimesh):
+        parts = [mesh]
+    else:
+        raise MjframesError(f"{name}: it is a {type(mesh).__name__}; a mesh is a trimesh object or the path of a file.")
+    if not parts:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    start = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [np.asarray(part.faces, np.int64) + first for part, first in zip(parts, start, strict=False)]
+    return np.concatenate([np.asarray(part.vertices, np.float64) for part in parts]), np.concatenate(faces)
+
+
+def _merge(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """One vertex for all at the same place, only those that triangles use, no triangles that this makes edges."""
+    used, corner = np.unique(triangles, return_inverse=True)
+    points, triangles = points[used], corner.reshape(triangles.shape)
+    if len(points) == 0:
+        return points, triangles
+    low = points.min(axis=0)
+    key = np.rint((points - low) / max(MERGE * float(np.linalg.norm(np.ptp(points, axis=0))), 1e-300)).astype(np.int64)
+    code = (key[:, 0] << 42) | (key[:, 1] << 21) | key[:, 2]  # 1/MERGE < 2²¹
+    _, first, place = np.unique(code, return_index=True, return_inverse=True)
+    points, triangles = points[first], place[triangles]
+    a, b, c = triangles.T
+    return points, triangles[(a != b) & (b != c) & (c != a)]
+
+
+def _refuse_flat(name: str, points: NDArray[np.float64]) -> None:
+    extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if extents[-1] <= FLAT * extents[0] or len(points) < 4:
+        raise MjframesError(f"{name}: the mesh is flat, it has no inside; a volume needs a closed surface.")
+
+
+def _refuse_loose(surface: Surface) -> None:
+    """Most edges are open, and where w > ½ it is far from an integer: triangles without relation."""
+    if surface.open_edges <= len(surface.faces) / 2:
+        return
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    cells = np.stack(np.meshgrid(*[np.arange(PROBES)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = low + (cells + 0.5) / PROBES * (high - low)
+    w = import_igl(surface.name).fast_winding_number(surface.vertices, surface.faces, points)
+    w = w[w > 0.5]
+    if np.count_nonzero(np.abs(w - np.maximum(np.rint(w), 1)) > UNDECIDED) >= UNDECIDED * len(w):
+        raise MjframesError(
+            f"{surface.name}: its {len(surface.faces)} triangles are loose ({surface.open_edges} open edges) and "
+            "enclose nothing; a volume needs a closed surface."
+        )
+
+
+def _drop_repeated(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """The triangles without repetitions, and how many went."""
+    a, b, c = triangles.T
+    ordered = np.sort(triangles, axis=1)
+    is_even = ((a < b) & (b < c)) | ((b < c) & (c < a)) | ((c < a) & (a < b))  # cyclic shift of the sorted corners
+    by_corners = np.lexsort(ordered.T)
+    is_new = np.ones(len(triangles), bool)
+    is_new[1:] = (np.diff(ordered[by_corners], axis=0) != 0).any(axis=1)
+    if is_new.all():
+        return triangles, 0
+    net = np.add.reduceat(np.where(is_even, 1, -1)[by_corners], np.flatnonzero(is_new))
+    kept = ordered[by_corners][is_new]
+    if 2 * np.count_nonzero(net) < len(net):  # drawn on both sides: one of them is the surface
+        net[net == 0] = 1
+    kept = np.where(net[:, None] > 0, kept, kept[:, ::-1])[net != 0]
+    return kept, len(triangles) - len(kept)
+
+
+def _shells(n: int, triangles: NDArray[np.int64]) -> NDArray[np.int32]:
+    """(m,) int32: which connected part a triangle belongs to."""
+    a, b, c = triangles.T
+    links = scipy.sparse.coo_array((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), (n, n))
+    vertex_part = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
+    return np.unique(vertex_part[a], return_inverse=True)[1].astype(np.int32)
+
+
+def _edges(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The edges: (e,) place of a side in triangles.ravel(), (e,) number of sides, (e,) balance of directions.
+
+    Balance is positive where more sides run from the smaller vertex number to the larger one. If it is 0 everywhere
+    the surface is closed: its boundary as a chain is 0, and winding numbers are integers.
+    """
+    tail, head = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    code = np.minimum(tail, head) * (triangles.max() + 1) + np.maximum(tail, head)
+    _, first, edge, count = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
+    return first, count, np.bincount(edge, weights=np.where(tail < head, 1, -1)).astype(np.int64)
+
+
+def _open_edges(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """(e,) tail, (e,) head and (e,) how many sides from tail to head lack their opposite."""
+    first, _, balance = _edges(triangles)
+    is_open = balance != 0
+    first, balance = first[is_open], balance[is_open]
+    ends = np.sort(np.stack([triangles.ravel()[first], triangles[:, [1, 2, 0]].ravel()[first]]), axis=0)
+    tail, head = np.where(balance > 0, ends, ends[::-1])
+    return tail, head, np.abs(balance)
+
+
+def _make_consistent(
+    name: str, triangles: NDArray[np.int64], shell: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The triangles, neighbours on the same side within a shell, and (s,) which shells that changed."""
+    mixed = np.zeros(shell.max() + 1, bool)
+    first, count, balance = _edges(triangles)
+    mixed[shell[first[(count == 2) & (balance != 0)] // 3]] = True
+    if mixed.any():
+        chosen = mixed[shell]
+        triangles = triangles.copy()
+        triangles[chosen] = import_igl(name, MIXED).bfs_orient(np.ascontiguousarray(triangles[chosen]))[0]
+    return triangles, mixed
+
+
+def _inside_out(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], shell: NDArray[np.int32], mixed: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(s,): the shells to turn. A mixed one says nothing about cavities, so it only is turned outwards."""
+    volume = _shell_volumes(points, triangles, shell)
+    turned = volume < 0
+    if not turned.any() or len(volume) == 1:
+        return turned
+    corners = points[triangles]
+    part = [np.flatnonzero(shell == s) for s in range(len(volume))]
+    low = np.array([corners[ids].min(axis=(0, 1)) for ids in part])
+    high = np.array([corners[ids].max(axis=(0, 1)) for ids in part])
+    for s in np.argsort(-np.abs(volume)):
+        if mixed[s]:
+            continue
+        around = (np.abs(volume) > np.abs(volume[s])) & (low <= low[s]).all(axis=1) & (high >= high[s]).all(axis=1)
+        own = np.unique(triangles[part[s]])
+        witnesses = points[own[np.linspace(0, len(own) - 1, min(WITNESSES, len(own))).astype(int)]]
+        for outer in sorted(np.flatnonzero(around & ~mixed), key=lambda o: abs(volume[o])):
+            if (np.abs(winding_number(witnesses, corners[part[outer]])) > 0.5).all():
+                turned[s] = turned[outer]
+                break
+    return turned
+
+
+def _shell_volumes(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], shell: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """(s,) signed volume of each shell [m³]; of an open one, that of its cone to its own middle."""
+    corners = points[triangles]
+    a, b, c = np.moveaxis(corners, 1, 0)
+    normal = np.cross(b - a, c - a) / 2
+    area = np.linalg.norm(normal, axis=1)
+    center = corners.mean(axis=1)
+    weight = np.maximum(np.bincount(shell, area), 1e-300)
+    middle = np.stack([np.bincount(shell, area * center[:, x]) / weight for x in range(3)], axis=1)
+    return np.bincount(shell, np.einsum("mx,mx->m", normal, center - middle[shell]) / 3).astype(np.float64)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")

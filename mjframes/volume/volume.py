@@ -1,0 +1,462 @@
+"""The volume: a material label per voxel, M(p̄) = materials[labels[a, b, c]] (the paper, §4: material maps).
+
+Voxel (a, b, c) fills origin + axes · (spacing ∘ [a, a+1] × [b, b+1] × [c, c+1]); label 0 is outside. All is SI.
+First stage of the pipeline: labels and materials in, a `Volume` out, valid by construction.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import ArrayLike, NDArray
+
+from mjframes.base.constants import MOST_CELLS, UP, VOLUME_VERSION
+from mjframes.base.errors import MjframesError
+from mjframes.volume.hull import in_convex_hull
+from mjframes.volume.images import LabelImage, read_image, write_materials
+from mjframes.volume.material import Material
+
+if TYPE_CHECKING:
+    from mjframes.volume.meshes import MeshLike
+
+ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
+VOXELS = 20_000  # of meshes, unless given: built in seconds, and with some across every limb
+MANY = 30  # labels without a material that no atlas, but an image of intensities has
+SHOWN = 10  # of them
+LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Labelled voxels.
+
+    labels: (nx, ny, nz) unsigned integers, 0 outside.  spacing: (3,) [m].  origin: (3,) [m], corner of voxel (0, 0, 0).
+    axes: (3, 3) proper rotation, column a is the direction of index axis a.
+    materials: the material of every label that occurs (others may be there too).
+    Raises MjframesError where one of them is not so, and for a volume with nothing inside.
+    """
+
+    labels: NDArray[np.unsignedinteger]
+    spacing: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    materials: dict[int, Material]
+
+    def __post_init__(self) -> None:
+        labels = np.asarray(self.labels)
+        if labels.ndim != 3:
+            raise MjframesError(f"labels have shape {labels.shape}; they must be an (nx, ny, nz) array of integers.")
+        if labels.dtype.kind != "u":
+            raise MjframesError(
+                f"labels are {labels.dtype}; pass them through Volume.from_labels, which converts them."
+            )
+        for name in ("spacing", "origin"):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (3,) or not np.isfinite(value).all() or (name == "spacing" and (value <= 0).any()):
+                kind = "three positive lengths" if name == "spacing" else "three coordinates"
+                raise MjframesError(f"{name} is {value.tolist()}; it must be {kind} in metres.")
+        axes = np.asarray(self.axes)
+        if axes.shape != (3, 3) or not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6) or np.linalg.det(axes) < 0:
+            raise MjframesError(f"axes are {axes.tolist()}; they must be a proper rotation matrix.")
+        _check_materials(occurring(labels), self.materials)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        spacing: ArrayLike | None = None,
+        materials: Mapping[int, Material] | None = None,
+        origin: ArrayLike | None = None,
+        drop_unknown: bool = False,
+        crop: bool = False,
+        up: str = "z",
+    ) -> Volume:
+        """Return a volume from what `save` wrote, or a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd).
+
+        spacing, origin: the file's own are overridden by them.
+        materials: a file saved with materials needs none, or has them replaced.
+        An image's coordinates are kept as they are, but that those of an anatomy are RAS, x to the right and y to the
+        front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage by their headers). Where its axes are
+        left-handed, one array axis is reversed; sheared axes are refused.
+        The other arguments are those of `from_labels`. Raise MjframesError for all that cannot be used.
+        """
+        if not isinstance(path, (str, os.PathLike)):
+            raise MjframesError(f"path is a {type(path).__name__}; give that of a file, or an array to from_labels.")
+        image = read_image(Path(path))
+        return cls._made(image, f"{os.fspath(path)}: ", spacing, materials, origin, drop_unknown, crop, up)
+
+    @classmethod
+    def from_labels(
+        cls,
+        labels: ArrayLike,
+        spacing: ArrayLike | None = None,
+        materials: Mapping[int, Material] | None = None,
+        origin: ArrayLike | None = None,
+        drop_unknown: bool = False,
+        crop: bool = False,
+        up: str = "z",
+    ) -> Volume:
+        """Return a volume of an array of labels.
+
+        labels: (nx, ny, nz), non-negative integers (or floats with integral values), 0 outside.
+        spacing: voxel size [m], one number or three.
+        materials: one for every label that occurs.
+        origin: (3,) [m], corner of voxel (0, 0, 0), 0 unless given.
+        drop_unknown: labels without a material are outside, such as a segmentation's noise; else they are refused.
+        crop: whether to leave out, on all sides, slices with nothing inside.  up: see `upright`.
+        Raise MjframesError for all that cannot be used.
+        """
+        if isinstance(labels, (str, os.PathLike)):
+            raise MjframesError(f"labels is {os.fspath(labels)!r}; give an array, or a file to Volume.load.")
+        return cls._made(LabelImage(_array(labels)), "", spacing, materials, origin, drop_unknown, crop, up)
+
+    @classmethod
+    def _made(
+        cls,
+        image: LabelImage,
+        source: str,
+        spacing: ArrayLike | None,
+        materials: Mapping[int, Material] | None,
+        origin: ArrayLike | None,
+        drop_unknown: bool,
+        crop: bool,
+        up: str,
+    ) -> Volume:
+        found = materials if materials is not None else image.materials or {}
+        if not isinstance(found, Mapping):
+            raise MjframesError(f"materials is {found!r}; it must map labels to Material, as in {{1: Material(...)}}.")
+        _require_labels(source, image.labels)
+        shape = np.array(image.labels.shape)
+        low, high = _box(image.labels, set(found) if drop_unknown else None) if crop else (np.zeros(3, int), shape)
+        array = _shrink(source, image.labels[tuple(map(slice, low, high))])
+        if (step := image.spacing if spacing is None else spacing) is None:
+            missing = [] if drop_unknown else [label for label in occurring(array) if label not in found]
+            more = f" Besides, {_without_material(missing)}" if missing else ""
+            raise MjframesError(
+                f"{source}spacing is missing; pass spacing= or --spacing, the edge of a voxel in metres.{more}"
+            )
+        step = _spacing(source, step)
+        axes = _orthonormal(source, image.axes)
+        corner = np.zeros(3)
+        if image.origin is not None:
+            corner = _vector(f"{source}origin", image.origin) - axes @ step * image.origin_index
+        if np.linalg.det(axes) < 0:
+            a = int(np.argmin(np.diag(axes)))  # of the three reversals the one that leaves the smallest rotation
+            corner = corner + axes[:, a] * step[a] * shape[a]
+            axes[:, a] *= -1
+            array = np.flip(array, a)
+            low[a] = shape[a] - high[a]
+        if origin is not None:
+            corner = _vector("origin", origin)
+        if drop_unknown:
+            array[np.isin(array, list(set(occurring(array)) - set(found)))] = 0
+        try:
+            whole = cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found))
+        except MjframesError as error:
+            raise MjframesError(f"{source}{error}") from error
+        return whole.upright(up)
+
+    @classmethod
+    def from_meshes(
+        cls,
+        meshes: Sequence[tuple[MeshLike, Material]],
+        spacing: ArrayLike | None = None,
+        *,
+        voxels: int | None = None,
+        fill: Material | None = None,
+        scale: float = 1.0,
+        up: str = "z",
+    ) -> Volume:
+        """A volume from surface meshes, each of one material; where they overlap, the later one wins.
+
+        meshes: (mesh, material) pairs; a mesh is a file (.obj .stl .ply .off .glb) or a trimesh object. The i-th, from
+        1 on, has label i. Surfaces need not be perfect: `mjframes.volume.meshes` says what counts as inside.
+        spacing: voxel size [m], one number or three; or else voxels: about how many voxels to have inside, 20,000 where
+        neither is given.
+        fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
+        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it and for
+        up: the axis of the meshes that points up, see `upright`.
+        Warns (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
+        The voxels are kept on disk (`base.cache`) until a mesh or an argument changes; warnings are given again.
+        Raises MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
+        """
+        from mjframes.base.cache import cached
+        from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents
+        from mjframes.volume.voxelize import spacing_for, voxelize
+
+        if spacing is not None and voxels is not None:
+            raise MjframesError(f"spacing is {spacing!r} and voxels is {voxels!r}; give exactly one of them.")
+        if spacing is None and voxels is None:
+            voxels = VOXELS
+        if voxels is not None and not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
+            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        if not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
+            raise MjframesError(f"scale is {scale!r}; it must be the length of the meshes' unit in metres.")
+        pairs = list(meshes)
+        if not pairs or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
+            raise MjframesError("meshes must be a list of one or more pairs (mesh, material).")
+        materials = [material for _, material in pairs] + ([] if fill is None else [fill])
+        for material in materials:
+            if not isinstance(material, Material):
+                raise MjframesError(f"a mesh has the material {material!r}; it must be a Material.")
+        step = None if spacing is None else _spacing("", np.asarray(spacing))
+
+        def compute() -> dict[str, NDArray[Any]]:
+            surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
+            edges = spacing_for(surfaces, int(voxels or 0), fill is not None) if step is None else step
+            labels, origin, notices = voxelize(surfaces, edges, fill is not None)
+            return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
+
+        contents = [mesh_contents(mesh, f"mesh {i}") for i, (mesh, _) in enumerate(pairs, 1)]
+        settings = (step, None if voxels is None else int(voxels), fill is not None, float(scale))
+        known = cached("volume", (*contents, *settings), compute)
+        for notice in known["notices"].tolist():
+            warnings.warn(notice, MeshWarning, stacklevel=2)
+        labels, origin, step = known["labels"], known["origin"], known["spacing"]
+        present = set(occurring(labels))
+        inside = {i: material for i, material in enumerate(materials, 1) if i in present}
+        return cls(labels, step, origin, np.eye(3), inside).upright(up)
+
+    def __repr__(self) -> str:
+        nx, ny, nz = self.labels.shape
+        names = ", ".join(f"{label}: {self.materials[label].name or 'unnamed'}" for label in occurring(self.labels))
+        size = " × ".join(f"{length * 1e3:.3g}" for length in self.labels.shape * self.spacing)
+        return f"<Volume of {nx} × {ny} × {nz} voxels, {size} mm; {np.count_nonzero(self.labels)} inside; {names}>"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the volume and its materials to a .npz file, all of it or nothing.
+
+        Raises MjframesError for another file type and if the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() != ".npz":
+            raise MjframesError(f"{path}: a volume is saved as .npz; give the path that ending.")
+        arrays: dict[str, Any] = {"labels": self.labels, "spacing": self.spacing, "origin": self.origin}
+        arrays |= {"axes": self.axes, "materials": write_materials(self.materials), "format_version": VOLUME_VERSION}
+        partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        try:
+            with partial.open("wb") as file:
+                np.savez_compressed(file, **arrays)
+            os.replace(partial, path)
+        except OSError as error:
+            raise MjframesError(f"{path}: the volume cannot be written there ({error.strerror}).") from error
+        finally:
+            partial.unlink(missing_ok=True)
+
+    def resample(self, voxels: int) -> Volume:
+        """The volume on a grid of cubes of which about `voxels` are inside, each with the label at its centre.
+
+        Raises MjframesError if a label would vanish.
+        """
+        if not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
+            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        inside = np.count_nonzero(self.labels) * np.prod(self.spacing)
+        step = float(inside / voxels) ** (1 / 3)
+        low, high = _box(self.labels)
+        some = self.labels[tuple(map(slice, low, high))]
+        extents = some.shape * self.spacing
+        counts = np.maximum(1, np.rint(extents / step))
+        if np.prod(counts) > MOST_CELLS:
+            raise MjframesError(
+                f"voxels is {voxels}, for which the grid around them would have {np.prod(counts):.1e} cells; "
+                f"take less than {voxels * MOST_CELLS / np.prod(counts):.0e}."
+            )
+        places = []
+        for a, count in enumerate(counts.astype(int)):
+            centers = extents[a] / 2 + (np.arange(count) - (count - 1) / 2) * step
+            places.append(np.clip((centers / self.spacing[a]).astype(int), 0, some.shape[a] - 1))
+        labels = some[np.ix_(*places)]
+        if lost := sorted(set(occurring(self.labels)) - set(occurring(labels))):
+            raise MjframesError(f"label {lost[0]} has parts too thin for {voxels} voxels and vanishes; take more.")
+        corner = self.origin + self.axes @ (low * self.spacing + (extents - np.array(labels.shape) * step) / 2)
+        return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
+
+    def upright(self, up: str) -> Volume:
+        """The volume turned about the origin so that what was along the axis `up` ("y", "-x", …) is along z.
+
+        Many programs write meshes with y up, in MuJoCo it is z.
+        """
+        if up not in UP:
+            raise MjframesError(f"up is {up!r}; it must be one of {', '.join(map(repr, UP))}.")
+        if up == "z":
+            return self
+        turn = np.zeros((3, 3))
+        turn[2, "xyz".index(up[-1])] = -1 if up[0] == "-" else 1
+        turn[0] = [0, 1, 0] if up[-1] == "x" else [1, 0, 0]
+        turn[1] = np.cross(turn[2], turn[0])
+        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
+
+    def filled(self, material: Material) -> Volume:
+        """The volume with `material` in all of its convex hull that was outside: flesh around bones.
+
+        It gets the label after the highest one, of those present and those with a material.
+        """
+        label = max(*occurring(self.labels), *self.materials) + 1
+        if label > LARGEST_LABEL:
+            raise MjframesError(f"the highest label is {label - 1}; the next, for what is filled, is too large.")
+        labels = self.labels.astype(np.promote_types(self.labels.dtype, np.min_scalar_type(label)))
+        labels[in_convex_hull(labels != 0) & (labels == 0)] = label
+        return replace(self, labels=labels, materials=self.materials | {label: material})
+
+    def largest_component(self) -> Volume:
+        """The volume without all pieces but the one with the most voxels (26 neighbours)."""
+        pieces, sizes = _components(self.labels)
+        return replace(self, labels=np.where(pieces == 1 + np.argmax(sizes), self.labels, 0).astype(self.labels.dtype))
+
+
+def require_connected(volume: Volume) -> None:
+    """Raises MjframesError unless the inside is one piece: no distance and no weight crosses a gap (26 neighbours)."""
+    sizes = np.sort(_components(volume.labels)[1])[::-1]
+    if len(sizes) > 1:
+        shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
+        raise MjframesError(
+            f"labels have {len(sizes)} unconnected pieces, sizes {shown} voxels; "
+            "keep the largest with volume.largest_component() or --largest, or fill what is between them with "
+            "volume.filled(material) or --fill."
+        )
+
+
+def _components(labels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Piece of each voxel (nx, ny, nz), 0 outside and from 1 on inside, and the voxels of each piece (pieces,)."""
+    pieces = np.empty(labels.shape, np.int32)
+    count = int(scipy.ndimage.label(labels != 0, structure=np.ones((3, 3, 3)), output=pieces))  # pyright: ignore[reportArgumentType]
+    sizes = np.zeros(count + 1, np.int64)
+    for slab in pieces:  # bincount makes an int64 copy: one slab at a time
+        sizes += np.bincount(slab.ravel(), minlength=count + 1)
+    return pieces, sizes[1:]
+
+
+def occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
+    """The labels of the voxels inside, ascending."""
+    if labels.dtype.itemsize <= 2:
+        seen = np.zeros(np.iinfo(labels.dtype).max + 1, bool)
+        for slab in _slabs(labels):
+            seen[slab] = True
+        return (1 + np.flatnonzero(seen[1:])).tolist()
+    found: set[int] = set()
+    for slab in _slabs(labels):  # a slab at a time: sorting all of a large image needs as much memory again
+        found.update(np.unique(slab[slab != 0]).tolist())
+    return sorted(found)
+
+
+def _slabs(array: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """The slices of an array (nx, ny, nz) across the axis along which its memory is laid out."""
+    return iter(np.moveaxis(array, int(np.argmax(np.abs(array.strides))), 0))
+
+
+def _box(labels: NDArray[Any], known: set[int] | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Index (3,) of the first voxel inside along each axis and after the last; all where nothing is inside.
+
+    known: labels that count as inside; all but 0 unless given.
+    """
+    along = int(np.argmax(np.abs(labels.strides)))
+    used, shadow = np.zeros(labels.shape[along], bool), np.zeros(np.delete(labels.shape, along), bool)
+    for k, slab in enumerate(_slabs(labels)):
+        inside = slab != 0 if known is None else np.isin(slab, list(known))
+        used[k] = inside.any()
+        shadow |= inside
+    places = [np.flatnonzero(some) for some in (shadow.any(axis=1), shadow.any(axis=0))]
+    places.insert(along, np.flatnonzero(used))
+    if not len(places[0]):
+        return np.zeros(3, np.int64), np.array(labels.shape)
+    return np.array([place[0] for place in places]), np.array([place[-1] + 1 for place in places])
+
+
+def _check_materials(present: list[int], materials: Mapping[int, Material]) -> None:
+    if not present:
+        raise MjframesError("labels are all 0, which is outside; at least one voxel must have a positive label.")
+    for label, material in materials.items():
+        if not isinstance(label, (int, np.integer)) or label < 1 or not isinstance(material, Material):
+            raise MjframesError(f"materials has {label!r}: {material!r}; it must map positive labels to Material.")
+    if missing := [label for label in present if label not in materials]:
+        raise MjframesError(_without_material(missing))
+
+
+def _without_material(missing: list[int]) -> str:
+    """What is wrong with labels that have no material, and what would be right."""
+    if len(missing) > MANY:
+        return (
+            f"labels {', '.join(map(str, missing[:SHOWN]))}, … up to {missing[-1]}, {len(missing)} in all, have no "
+            "material: is this a label image? Its values must number materials, not measure an intensity; segment it "
+            "first, or leave out what has no material with drop_unknown=True or --drop-unknown."
+        )
+    which = f"label {missing[0]} has" if len(missing) == 1 else f"labels {', '.join(map(str, missing))} have"
+    return (
+        f"{which} no material; give one in materials={{label: Material(...)}} or with --material, "
+        "or leave such voxels out with drop_unknown=True or --drop-unknown."
+    )
+
+
+def _array(labels: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.asarray(labels)
+    except ValueError as error:
+        raise MjframesError("labels are rows of different lengths; they must be an (nx, ny, nz) array.") from error
+
+
+def _require_labels(source: str, labels: NDArray[Any]) -> None:
+    """Raises MjframesError for arrays of another shape and of what are no numbers."""
+    if labels.ndim != 3:
+        raise MjframesError(
+            f"{source}labels have shape {labels.shape}; they must be an (nx, ny, nz) array of integers."
+        )
+    if labels.dtype.kind not in "biuf":
+        raise MjframesError(f"{source}labels are {labels.dtype}; they must be integers, one material label per voxel.")
+    if labels.size == 0:
+        raise MjframesError(f"{source}labels have shape {labels.shape}; every side needs at least one voxel.")
+
+
+def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
+    """A copy of the labels in the smallest unsigned type that holds them."""
+    low, high = labels.min(), labels.max()
+    if not (low >= 0 and high <= LARGEST_LABEL):  # so that NaN fails too
+        raise MjframesError(
+            f"{source}labels run from {low} to {high}; they must be integers from 0 (outside) to {LARGEST_LABEL}."
+        )
+    result = labels.astype(np.min_scalar_type(int(high)))
+    if labels.dtype.kind == "f" and not np.array_equal(result, labels):
+        value = labels[result != labels][0]
+        raise MjframesError(
+            f"{source}labels contain {value}; they must be integers, one material label per voxel. "
+            "Is this a label image?"
+        )
+    return result
+
+
+def _spacing(source: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        spacing = np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
+    except (TypeError, ValueError):
+        spacing = np.full(3, np.nan)
+    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
+        raise MjframesError(f"{source}spacing is {value!r}; it must be one or three positive lengths in metres.")
+    return spacing
+
+
+def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        vector = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(3, np.nan)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise MjframesError(f"{name} is {value!r}; it must be three coordinates in metres.")
+    return vector
+
+
+def _orthonormal(source: str, axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nearest orthogonal matrix: headers hold rounded directions."""
+    if axes.shape != (3, 3) or not np.isfinite(axes).all() or np.abs(axes.T @ axes - np.eye(3)).max() > ORTHOGONAL:
+        raise MjframesError(
+            f"{source}the directions of its index axes are {np.round(axes, 4).tolist()} (columns), which are not "
+            "perpendicular unit vectors; resample the image to a grid without shear."
+        )
+    u, _, vt = np.linalg.svd(axes)
+    return u @ vt

@@ -1,0 +1,70 @@
+"""Each example runs and gives the number it should."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import mjframes as mf
+from examples import kernels, knee, rat
+from examples.steak import run, steak_scene
+from mjframes.app.log import read_log
+
+
+def test_steak_comes_to_rest_on_the_block() -> None:
+    model = steak_scene().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=5000)
+    soft = model.body_rootid == model.body("steak").id
+    speed = data.cvel[soft, 3:]
+    assert np.abs(speed).max() < 1e-3  # [m/s], after 10 s: it creeps off its edge for ten more
+    assert data.subtree_com[model.body("steak").id][2] > 0.04  # [m]: on the block, not on the worktop
+
+
+def test_steak_leaves_film_plot_and_log(tmp_path: Path) -> None:
+    recording = run(tmp_path, duration=0.3)
+    for name in ("steak.mp4", "steak.png", "steak.mcap", "steak.xml"):
+        assert (tmp_path / name).stat().st_size > 1000
+    assert recording.energy_gain < 1e-3  # [J]
+    assert recording.penetration < 8e-3  # [m]: it lands at 1.2 m/s on contacts with a time constant of 5 ms
+    assert len(read_log(tmp_path / "steak.mcap").messages["/state"]) == recording.steps
+
+
+def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
+    found = knee.run(tmp_path)
+    assert (tmp_path / "knee.png").stat().st_size > 50_000
+    assert len(found.body.parent) == 10
+    assert 14 < found.extension < 17  # [degrees]; finite elements 18 in the first order
+    assert np.abs(found.data.qvel).max() < 0.01  # [m/s]: it is held there
+    assert not any(warning.number for warning in found.data.warning)
+    x, stiffness = mf.soft(found.model, found.data, "knee").control_positions, found.body.stiffness
+    stretch = [np.linalg.det(x[p].T @ g) for p, g in zip(stiffness.points, stiffness.gradient, strict=True)]
+    assert min(stretch) > 0.05  # no region is inside out
+
+
+def test_kernels_of_figure_6(tmp_path: Path) -> None:
+    fields = kernels.run(tmp_path)
+    assert (tmp_path / "kernels.png").stat().st_size > 20_000
+    arm, right = (slice(30, 50), slice(41, 52)), (slice(65, None), slice(0, 20))
+    assert np.nanmax(fields[1][arm]) == 0  # "not guaranteed to reach all the expected regions"
+    assert np.nanmin(fields[2][arm]) > 0.03
+    assert np.nanmax(fields[2][right]) == 0
+    assert np.nanmin(fields[5][right]) > 0.06  # "unrealistically large influence regions"
+    assert np.nanmax(fields[5][right]) < 0.09
+
+
+@pytest.mark.dm_control
+def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path) -> None:
+    pytest.importorskip("dm_control")
+    found = rat.run(tmp_path, duration=0.4)
+    assert (tmp_path / "rat.mp4").stat().st_size > 10_000
+    assert len(found.body.types) == 30
+    assert not any(warning.number for warning in found.data.warning)
+    sway = np.ptp(found.belly, axis=0)
+    assert 1e-3 < sway[1] < 6e-3  # [m]: the spine bends, and the belly with it
+    view = mf.soft(found.model, found.data, "flesh")
+    assert found.body.links == tuple(rat.BONES)
+    assert view.elastic_energy > 0

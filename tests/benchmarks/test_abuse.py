@@ -1,0 +1,58 @@
+"""`mjframes check --abuse`: random edits of scenes do no harm, and what would is told."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjframes.benchmarks.check import abuse
+from mjframes.benchmarks.check.edits import EDITS, World
+from mjframes.cli.commands import main
+
+
+@pytest.fixture
+def heard() -> Iterator[None]:
+    yield
+    mujoco.set_mju_user_warning(None)
+
+
+def test_random_edits_do_no_harm() -> None:
+    report = abuse.abused(150, seed=0)
+    assert report.failures == ()
+    assert report.edits > 100
+
+
+def die(seed: int) -> abuse.Report:
+    os._exit(seed + 1)
+
+
+def test_a_process_that_dies_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(abuse, "program", die)
+    assert main(["check", "--abuse", "30", "--seed", "7"]) == 1
+    output = capsys.readouterr().out
+    assert output.startswith("50 edits of scenes with the seeds 7 to 8: 2 failures.\n")
+    assert "- seed 8: the process died.\n" in output
+
+
+def lose(world: World, rng: np.random.Generator) -> None:
+    del rng
+    world.data.qpos[:] = np.nan
+
+
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize(("edit", "words"), [(lose, "not finite, without a warning"), (die, "TypeError")])
+def test_what_an_edit_breaks_is_told(monkeypatch: pytest.MonkeyPatch, edit: object, words: str) -> None:
+    for name in EDITS:
+        monkeypatch.setitem(EDITS, name, edit)
+    (failure,) = abuse.program(3).failures
+    assert failure.startswith("seed 3: ")
+    assert words in failure
+
+
+@pytest.mark.usefixtures("heard")
+def test_a_program_is_the_same_each_time() -> None:
+    assert abuse.program(5) == abuse.program(5)

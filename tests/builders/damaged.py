@@ -1,0 +1,87 @@
+"""A saved scene, and what may be wrong with the attributes of its plugin."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+
+import mujoco
+import numpy as np
+from builders.scenes import FLOOR, beam
+
+from mjframes.scene.attach import attach
+from mjframes.scene.plugin_text import encode
+
+PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
+
+
+@cache
+def saved_beam() -> str:
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    attach(spec, beam(beta=0.001), "soft0", pos=(0, 0, 0.1), quat=PRINTABLE)
+    spec.compile()
+    return spec.to_xml()
+
+
+def edited(key: str, pattern: str, replacement: str) -> str:
+    """The saved scene with another value of a configuration key of soft0, the first in it."""
+    return re.sub(rf'(key="{key}" value=")({pattern})', rf"\g<1>{replacement}", saved_beam(), count=1)
+
+
+DAMAGED = {
+    "another version": ("version", "3", "99", "its data has version '99', this plugin reads version 3"),
+    "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
+    "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
+    "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
+    "no number": ("beta", "0.001", "much", "beta is 'much' but has to be a number ≥ 0"),
+    "infinite damping": ("beta", "0.001", "inf", "beta is 'inf' but has to be a number ≥ 0"),
+    "truncated": ("region_stiffness", r"(f64:\d+:.{400})[^\"]*", r"\g<3>", "region_stiffness is truncated or damaged"),
+    "lengthened": ("region_stiffness", r"(f64:\d+:)", r"\g<3>AAAA", "region_stiffness is truncated or damaged"),
+    "other letters": ("region_gradient", r"(f64:\d+:.{40}).", r"\g<3>*", "region_gradient is truncated or damaged"),
+    "empty": ("point_rest", r"[^\"]*", "", "point_rest is not an array of type f64"),
+    "other type": ("region_point", "i32", "f64", "region_point is not an array of type i32"),
+    "no count": ("patch_weight", r"f64:\d+", "f64:many", "patch_weight has no valid element count"),
+    "huge count": ("patch_weight", r"f64:\d+", "f64:99999999999999", "patch_weight is truncated or damaged"),
+    "negative count": ("patch_weight", r"f64:\d+", "f64:-1", "patch_weight has no valid element count"),
+    "fewer points": (
+        "point_rest",
+        r"[^\"]*",
+        encode(np.zeros(6)),
+        "its arrays of control points do not match each other",
+    ),
+    "fewer carriers": ("carrier_size", r"[^\"]*", encode(np.ones(6, int)), "it has more bodies than control points"),
+    "large carriers": ("carrier_size", r"[^\"]*", encode(np.full(20, 20)), "it has more bodies than control points"),
+    "points twice": (
+        "carrier_point",
+        r"[^\"]*",
+        encode(np.zeros(20, int)),
+        "its bodies do not match its control points",
+    ),
+    "no masses": (
+        "point_mass",
+        r"[^\"]*",
+        encode(np.zeros(20)),
+        "the masses of its control points have to be positive",
+    ),
+    "more points": (
+        "point_rest",
+        r"[^\"]*",
+        encode(np.zeros(600)),
+        "its arrays of control points do not match each other",
+    ),
+    "points out of range": ("region_point", r"[^\"]*", encode(np.full(52, 99)), "are not those of the body"),
+    "negative points": ("region_point", r"[^\"]*", encode(np.full(52, -1)), "are not those of the body"),
+    "unordered points": ("region_point", r"[^\"]*", encode(np.arange(52)[::-1] % 20), "not on one path of the tree"),
+    "negative region": ("region_size", r"[^\"]*", encode([-4]), "its region arrays do not match each other"),
+    "large region": ("region_size", r"[^\"]*", encode([2**30]), "its region arrays do not match each other"),
+    "no regions": ("region_size", r"[^\"]*", encode(np.zeros(0, int)), "it has no regions"),
+    "fewer patches": ("patch_size", r"[^\"]*", encode([4]), "its patch geoms do not match its patches"),
+    "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 18), "its patch arrays do not match each other"),
+    "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 71), "a cluster of a patch has no valid size"),
+    "patch points": (
+        "patch_point",
+        r"[^\"]*",
+        encode([99] * 172),
+        "a patch's control points are not those of the body",
+    ),
+}

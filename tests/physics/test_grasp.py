@@ -1,0 +1,45 @@
+"""What a gripper holds does not slip: soft things in rigid fingers, rigid things in soft ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from builders.data import shared
+
+from examples.grasp import BLOCK, HEIGHT, PEDESTAL, Grasp, lift, run, soft_block, soft_pads
+
+
+@pytest.fixture(params=["fingers on slides", "Robotiq 2F-85"])
+def gripper(request: pytest.FixtureRequest) -> str | None:
+    return None if request.param == "fingers on slides" else str(shared("scenes/robotiq_2f85/2f85.xml"))
+
+
+@pytest.mark.parametrize("scene", [soft_block, soft_pads], ids=["soft block", "soft pads"])
+def test_what_is_lifted_slips_by_less_than_a_millimetre(
+    scene: Callable[[str | None], Grasp], gripper: str | None
+) -> None:
+    grasp = scene(gripper)
+    slip = lift(grasp)
+    assert slip < 1e-3  # [m], in 11.5 s
+    assert grasp.height == pytest.approx(PEDESTAL + BLOCK / 2 + HEIGHT, abs=2e-3)  # the lift sags under its own weight
+    assert not any(warning.number for warning in grasp.data.warning)
+    pedestal = grasp.model.geom("pedestal").id
+    assert not any(pedestal in contact.geom for contact in grasp.data.contact)
+
+
+def test_without_friction_nothing_is_lifted() -> None:
+    grasp = soft_block()
+    grasp.model.geom_friction[:, 0] = 0.01  # times two fingers of 9 N: less than the block's weight of 0.7 N
+    assert lift(grasp) > 0.02
+    assert grasp.height < PEDESTAL + BLOCK
+
+
+def test_the_lift_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("examples.grasp.END", 1.1)
+    slips = run(tmp_path)
+    assert set(slips) == {"soft_block", "soft_pads"}
+    assert max(slips.values()) < 1e-3
+    for name in slips:
+        assert (tmp_path / f"{name}.mp4").stat().st_size > 10_000

@@ -1,0 +1,113 @@
+"""Sharp and small rigid geoms against soft bodies: nothing falls between the contact vertices, nothing passes."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from builders.scenes import compiled
+from builders.slabs import slab
+
+from mjframes.body.build import build
+from mjframes.scene.contact import Contact
+from mjframes.scene.view import soft
+from mjframes.surface.isosurface import Surface
+from mjframes.surface.lattice import signed_distance
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+SHARP = {
+    "sphere": 'size=".003"',
+    "capsule": 'type="capsule" size=".002 .01" euler="0 30 0"',
+    "ellipsoid": 'type="ellipsoid" size=".002 .003 .01"',
+    "cylinder": 'type="cylinder" size=".003 .01" euler="20 10 0"',
+    "box corner": 'type="box" size=".004 .004 .004" euler="45 35.26 0"',
+    "box edge": 'type="box" size=".004 .03 .004" euler="0 45 0"',
+    "mesh": 'type="mesh" mesh="thorn"',
+}
+THORN = (
+    '<asset><mesh name="thorn" vertex="0 0 -.01 .003 0 .01 -.002 .003 .01 -.002 -.003 .01" inertia="convex"/></asset>'
+)
+
+
+def lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """z of the lowest point of the obstacle [m], by bringing a plane's normal to it."""
+    geom = model.geom("obstacle").id
+    size, axes = model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3)
+    down = -axes[2]
+    match int(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            reach = size[0]
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            reach = size[0] + size[1] * abs(down[2])
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            reach = np.linalg.norm(size * down)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            reach = size[0] * np.hypot(*down[:2]) + size[1] * abs(down[2])
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            reach = np.abs(size * down).sum()
+        case _:
+            reach = (model.mesh_vert[: model.mesh_vertnum[0]] @ down).max()
+    return float(data.geom_xpos[geom][2] - reach)
+
+
+@pytest.mark.parametrize("shape", SHARP)
+def test_features_are_caught_wherever_they_come_down(shape: str) -> None:
+    scene = f"""<mujoco>{THORN}<option gravity="0 0 0"/><worldbody><body name="obstacle"><freejoint/>
+      <geom name="obstacle" mass="1" {SHARP[shape]}/></body></worldbody></mujoco>"""
+    model, data = compiled(scene, (slab(), (0, 0, 0), (1, 0, 0, 0)))
+    rng = np.random.default_rng(0)
+    place = model.joint(int(model.body("obstacle").jntadr[0])).qposadr[0]
+    top = soft(model, data, "soft0").configuration
+    radius = float(top["contact_radius"])
+    mujoco.mj_forward(model, data)
+    height = data.qpos[place + 2] - lowest(model, data)
+    for x, y in rng.uniform(0.05, 0.15, (40, 2)):
+        # from half a millimetre deep to most of the way to the middle; the surface is bent by a fraction of a voxel
+        for depth in (0.002, 0.005, 0.01, 0.015):
+            data.qpos[place : place + 3] = x, y, 0.05 + height - depth
+            mujoco.mj_forward(model, data)
+            sign = np.array([1 if c.geom[1] == model.geom("obstacle").id else -1 for c in data.contact])
+            up = np.array([c.frame[2] for c in data.contact]) * sign
+            deepest = min((c.dist for c, out in zip(data.contact, up, strict=True) if out > 0.95), default=np.inf)
+            assert deepest == pytest.approx(-depth, abs=0.4 * radius)  # with the way out
+
+
+@pytest.mark.parametrize("speed", [1, 3, 10])
+def test_a_ball_never_passes(speed: float) -> None:
+    """10 g, 1 cm radius, at a time constant of two steps: MuJoCo's own 20 ms let 10 m/s sink in by 7 cm."""
+    for x, y in np.random.default_rng(1).uniform(0.07, 0.13, (6, 2)):
+        scene = f"""<mujoco><option timestep=".002"/><worldbody><body name="ball" pos="{x} {y} .08"><freejoint/>
+          <geom name="ball" size=".01" mass=".01"/></body></worldbody></mujoco>"""
+        model, data = compiled(scene, (slab(), (0, 0, 0), (1, 0, 0, 0)), contact=Contact(solref=(0.004, 1), priority=1))
+        data.qvel[model.jnt_dofadr[model.body("ball").jntadr[0]] + 2] = -speed
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+            ball = data.body("ball").xpos
+            if np.abs(ball[:2] - 0.1).max() > 0.09:
+                break  # it rolled off
+            assert ball[2] > 0.025
+
+
+def test_lattice_knows_the_rest_shape() -> None:
+    body = slab()
+    lattice = body.lattice
+    node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
+    at = lattice.origin + lattice.spacing * node
+    np.testing.assert_allclose(lattice.weights @ body.control.rest, at, atol=1e-12)  # at rest all is where it is
+    np.testing.assert_allclose(lattice.weights.sum(axis=1), 1, atol=1e-12)
+    spheres = lattice.origin + lattice.spacing * lattice.spheres
+    np.testing.assert_allclose(spheres, body.contact.centers, atol=1e-12)
+    surface = Surface(body.skin.vertices, body.skin.faces, body.skin.label)
+    exact = signed_distance(surface, body.contact.centers, lattice.spacing)
+    np.testing.assert_allclose(exact, -body.contact.radius, atol=0.1 * body.contact.radius)
+
+
+def test_a_ball_and_its_distance() -> None:
+    x = (np.indices((24, 24, 24)) - 11.5) * 0.01
+    labels = (np.linalg.norm(x, axis=0) < 0.1).astype(int)
+    body = build(Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000)}), 2)
+    lattice = body.lattice
+    node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
+    distance = np.linalg.norm(lattice.origin + lattice.spacing * node - 0.12, axis=1) - 0.1
+    assert np.abs(lattice.distance - distance).max() < 0.2 * 0.01

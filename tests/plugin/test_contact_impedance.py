@@ -1,0 +1,36 @@
+"""How deep a soft body sinks under its own weight: MuJoCo's formula with the effective inertia of the implicit step.
+
+At rest a constraint row has J q̈ = 0, so f A (1 − imp)/imp = imp k · depth, with A = J M⁻¹ Jᵀ of the row and MuJoCo's
+stiffness k = 1/(dmax τ ζ)².
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from builders.scenes import FLOOR, compiled, dense_constraints, dense_inertia
+from builders.stacked import block
+
+from mjframes.scene.contact import Contact
+
+SIDE, TIME_CONSTANT = 0.06, 0.02  # [m], [s]
+
+
+@pytest.mark.parametrize("impedance", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize("density", [100, 3000])
+def test_the_ratio_of_regularization_is_the_one_asked_for(density: float, impedance: float) -> None:
+    contact = Contact(condim=1, solref=(TIME_CONSTANT, 1), solimp=(impedance, impedance), priority=1)
+    model, data = compiled(FLOOR, (block((6, 6, 6), 0.01, density, 0.005), (0, 0, 0), (1, 0, 0, 0)), contact=contact)
+    for _ in range(3000):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qvel).max() < 1e-6
+    assert data.ncon == 4
+    force = data.efc_force[data.contact.efc_address]
+    assert force.sum() == pytest.approx(9.81 * density * SIDE**3, rel=1e-5)
+    rows, inverse = dense_constraints(model, data)[data.contact.efc_address], np.linalg.inv(dense_inertia(model, data))
+    admittance = np.einsum("in,nm,im->i", rows, inverse, rows)
+    stiffness = impedance / (impedance * TIME_CONSTANT) ** 2
+    realized = -data.contact.dist * stiffness / (force * admittance)
+    np.testing.assert_allclose(realized, (1 - impedance) / impedance, rtol=1e-4)

@@ -1,0 +1,233 @@
+"""Soft bodies against each other: rows, momentum, stacks; friction; what `Contact` sets."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from builders.deformed import Deformed
+from builders.scenes import (
+    FLOOR,
+    TILTED,
+    beam,
+    compiled,
+    dense_constraints,
+    distorted,
+    dofs,
+    move_points,
+    point_jacobian,
+)
+from builders.stacked import block
+
+from mjframes.base.errors import MjframesError
+from mjframes.scene.contact import Contact
+from mjframes.scene.view import soft, soft_names
+
+WEIGHTLESS = '<mujoco><option gravity="0 0 0" cone="{}" jacobian="{}"/></mujoco>'
+
+
+def set_speeds(model: mujoco.MjModel, data: mujoco.MjData, name: str, velocity: np.ndarray, spin: np.ndarray) -> None:
+    """Of a soft body as if it was rigid: of its middle [m/s] and about it [rad/s]."""
+    view = soft(model, data, name)
+    x = view.control_positions
+    speed = velocity + np.cross(spin, x - x.mean(axis=0))
+    jacobian = point_jacobian(model, data, view)[:, dofs(model, view).ravel()]
+    data.qvel[dofs(model, view).ravel()] = np.linalg.solve(jacobian, speed.ravel())
+
+
+def momenta(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """(6,) linear [kg m/s] and angular [kg m²/s] momentum of all soft bodies."""
+    total = np.zeros(6)
+    for name in soft_names(model):
+        view = soft(model, data, name)
+        total += np.concatenate([view.linear_momentum, view.angular_momentum])
+    return total
+
+
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+@pytest.mark.parametrize("condim", [1, 3, 4, 6])
+def test_rows_are_the_relative_velocity_of_the_two_material_points(cone: str, jacobian: str, condim: int) -> None:
+    """A row is the rate of t · (p₁ − p₀), p₀ and p₁ the material points of the two bodies at one place."""
+    model, data = compiled(
+        WEIGHTLESS.format(cone, jacobian),
+        (beam(), (0, 0, 0), (1, 0, 0, 0)),
+        (beam(), (0.05, 0.02, 0.1), TILTED),
+        contact=Contact(condim=condim, friction=(0.8, 0.02, 0.01)),
+    )
+    rng = np.random.default_rng(1)
+    mujoco.mj_kinematics(model, data)
+    views = [soft(model, data, name) for name in soft_names(model)]
+    shapes = [distorted(view.control_positions, rng, 0.05) for view in views]
+    shapes = [shape - shape.mean(axis=0) for shape in shapes]
+    for height in np.arange(0.1, 0, -0.001):
+        for view, shape, z in zip(views, shapes, (0, height), strict=True):
+            move_points(model, data, view, shape + np.array([0, 0, z]))
+        mujoco.mj_forward(model, data)
+        if data.ncon >= 3:
+            break
+    assert data.ncon >= 3
+    assert {int(contact.dim) for contact in data.contact} == {condim}
+    jacobians = [point_jacobian(model, data, view).reshape(-1, 3, model.nv) for view in views]
+    rows = dense_constraints(model, data)
+    data.qvel[:] = rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.efc_vel, rows @ data.qvel, atol=1e-12)
+    explained = 0
+    for contact in data.contact:
+        frame = contact.frame.reshape(3, 3)
+        start = contact.efc_address
+        normal = rows[start] if cone == "elliptic" or condim == 1 else (rows[start] + rows[start + 1]) / 2
+        # the touching vertices are the contact's weights on their body, of the geom on the deeper side
+        weight = []
+        for side, view in enumerate(views):
+            columns = dofs(model, view).ravel()
+            local = np.einsum("c,kcn->kn", frame[0], jacobians[side])[:, columns]
+            found = np.linalg.lstsq(local.T, (1 if side else -1) * normal[columns], rcond=None)[0]
+            np.testing.assert_allclose(local.T @ found, (1 if side else -1) * normal[columns], atol=1e-8)
+            weight.append(found)
+            assert found.sum() == pytest.approx(1, abs=1e-8)
+        places = [w @ view.control_positions for w, view in zip(weight, views, strict=True)]
+        np.testing.assert_allclose(places[0], places[1], atol=1e-8)  # both sides feel the force at one place
+        tangents = 3 if condim > 1 else 1
+        for axis in range(tangents):
+            wanted = sum(
+                (1 if side else -1) * np.einsum("c,k,kcn->n", frame[axis], weight[side], jacobians[side])
+                for side in range(2)
+            )
+            if cone == "elliptic" or condim == 1:
+                row = rows[start + axis]
+            elif axis:
+                row = (rows[start + 2 * axis - 2] - rows[start + 2 * axis - 1]) / (2 * contact.friction[axis - 1])
+            else:
+                row = normal
+            np.testing.assert_allclose(row, wanted, atol=1e-8)
+        if condim > 3 and cone == "elliptic":
+            np.testing.assert_array_equal(rows[start + 3 : start + condim], 0)  # control points do not turn
+        # one of the two is where the other body's deformed lattice has that point
+        for side, view in enumerate(views):
+            owner = int(model.geom_bodyid[contact.geom[side]])
+            material = Deformed(model, view, owner).weights(places[0])
+            explained += np.abs(material - weight[side]).max() < 1e-3
+    assert explained >= data.ncon
+
+
+def test_a_collision_in_free_flight_makes_no_momentum() -> None:
+    model, data = compiled(
+        WEIGHTLESS.format("pyramidal", "dense"),
+        (block((6, 6, 6), 0.01, 1000), (0, 0, 0), (1, 0, 0, 0)),
+        (block((6, 6, 6), 0.01, 300), (-0.02, 0.02, 0.09), TILTED),
+        timestep=0.002,
+    )
+    mujoco.mj_forward(model, data)
+    set_speeds(model, data, "soft0", np.array([0.05, 0, 0.3]), np.array([1.0, 0.5, -0.4]))
+    set_speeds(model, data, "soft1", np.array([0.0, 0, -0.5]), np.array([0.0, -0.5, 2.0]))
+    mujoco.mj_forward(model, data)
+    before, touched = momenta(model, data), 0
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+        touched = max(touched, data.ncon)
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(momenta(model, data), before, atol=1e-10)
+    assert touched >= 3
+    x = [soft(model, data, name).control_positions.mean(axis=0) for name in soft_names(model)]
+    assert np.linalg.norm(x[1] - x[0]) > 0.08  # they bounced off each other
+
+
+@pytest.mark.parametrize("masses", [(1, 10, 100), (100, 10, 1)], ids=["heavy above", "heavy below"])
+def test_a_stack_of_three_comes_to_rest(masses: tuple[int, int, int]) -> None:
+    floor = FLOOR.replace("<mujoco>", '<mujoco><option cone="elliptic" impratio="300" timestep="0.004"/>')
+    bodies = [block((20, 20, 8), 0.0075, 10 * mass, 0.005) for mass in masses]
+    model, data = compiled(
+        floor,
+        *((body, (0, 0, 0.0005 + 0.0605 * i), (1, 0, 0, 0)) for i, body in enumerate(bodies)),
+        contact=Contact(solref=(0.008, 1), priority=1),
+    )
+    for _ in range(2500):
+        mujoco.mj_step(model, data)
+    speeds = [
+        np.abs(point_jacobian(model, data, soft(model, data, name)) @ data.qvel).max() for name in soft_names(model)
+    ]
+    assert max(speeds) < 1e-5
+    middle = [soft(model, data, name).control_positions[:, 2].mean() for name in soft_names(model)]
+    assert np.diff(middle) == pytest.approx([0.06, 0.06], rel=0.1)
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.7])
+def test_a_block_starts_to_slide_at_the_angle_of_friction(friction: float) -> None:
+    speed = []
+    for factor in (0.99, 1.01):
+        angle = factor * np.arctan(friction)
+        scene = FLOOR.replace("<mujoco>", '<mujoco><option cone="elliptic" impratio="10"/>')
+        model, data = compiled(
+            scene,
+            (block((14, 14, 4), 0.01, 1000, 0.005), (0, 0, 0.0005), (1, 0, 0, 0)),
+            contact=Contact(friction=(friction,), priority=1),
+        )
+        model.opt.gravity[:] = 9.81 * np.array([np.sin(angle), 0, -np.cos(angle)])
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+        x = soft(model, data, "soft0").control_positions.mean(axis=0)[0]
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+        speed.append((soft(model, data, "soft0").control_positions.mean(axis=0)[0] - x) / (500 * model.opt.timestep))
+    assert speed[0] < 2e-3  # MuJoCo's friction creeps
+    assert speed[1] > 10 * speed[0]
+
+
+def test_contact_sets_the_parameters_of_all_patches() -> None:
+    contact = Contact(friction=(0.7, 0.01), margin=0.002, gap=0.001, solref=(0.01, 0.9), solimp=(0.8, 0.9), condim=4)
+    model, data = compiled(FLOOR, (beam(), (0, 0, 0.1), (1, 0, 0, 0)), contact=contact)
+    patches = np.flatnonzero(model.geom_plugin >= 0)
+    assert len(patches) > 6
+    for geom in patches:
+        np.testing.assert_allclose(model.geom_friction[geom], [0.7, 0.01, 0.0001])
+        assert (model.geom_margin[geom], model.geom_gap[geom]) == (0.002, 0.001)
+        np.testing.assert_allclose(model.geom_solref[geom], [0.01, 0.9])
+        np.testing.assert_allclose(model.geom_solimp[geom][:3], [0.8, 0.9, 0.001])
+        assert model.geom_condim[geom] == 4
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+
+
+def test_bits_choose_what_a_soft_body_meets() -> None:
+    places = ((beam(), (0, 0, 0), (1, 0, 0, 0)), (beam(), (0.02, 0.01, 0.03), (1, 0, 0, 0)))
+    met = {}
+    for name, contact in {"each other": Contact(), "rigid geoms": Contact(conaffinity=0)}.items():
+        model, data = compiled(WEIGHTLESS.format("pyramidal", "dense"), *places, contact=contact)
+        mujoco.mj_forward(model, data)
+        met[name] = data.ncon
+        for c in data.contact:
+            owner = model.body_plugin[model.geom_bodyid[c.geom]]
+            assert owner[0] != owner[1]
+    assert met["each other"] > 3
+    assert met["rigid geoms"] == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"friction": (-1.0,)},
+        {"solref": (0.01,)},
+        {"margin": -1.0},
+        {"condim": 2},
+        {"contype": -1},
+        {"solimp": ()},
+        {"solref": (-1, 1)},
+        {"solref": (0.02, 0)},
+        {"solimp": (1.2, 0.9)},
+        {"solimp": (0.9, 0.95, -1)},
+        {"solimp": (0.9, 0.95, 0.001, 2)},
+        {"solimp": (0.9, 0.95, 0.001, 0.5, 0.5)},
+        {"solimp": "soft"},
+        {"friction": "high"},
+        {"margin": "1"},
+        {"condim": True},
+        {"contype": 1.5},
+        {"priority": "high"},
+    ],
+    ids=lambda wrong: next(iter(wrong)),
+)
+def test_contact_refuses_what_mujoco_would_not_take(wrong: dict[str, object]) -> None:
+    with pytest.raises(MjframesError, match=next(iter(wrong))):
+        Contact(**wrong)  # pyright: ignore[reportArgumentType]

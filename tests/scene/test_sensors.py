@@ -1,0 +1,208 @@
+"""Sensors in MJCF: the same numbers as the views', without Python in the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from builders.lengthwise import LAWS, block, centers
+from builders.linked import ARM, CASES
+from builders.linked import body as bar
+from builders.scenes import FLOOR, beam, distort, jumble, lump
+
+import mjframes as mf
+from mjframes.base.errors import MjframesError
+from mjframes.elasticity.corotational import CorotationalRegion
+from mjframes.scene import sensors
+from mjframes.scene.view import Soft
+
+VOIGT = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])
+BODIES: dict[str, tuple[Callable[[], mf.SoftBody], str]] = {
+    "beam": (beam, FLOOR),
+    "lump": (lump, FLOOR),
+    **{law: (lambda law=law: block(law), FLOOR) for law in LAWS[1:]},
+    "consistent": (cache(lambda: block(mass="consistent")), FLOOR),
+    "all types, two links": (lambda: bar(*CASES["all types, two links of one branch"][:2]), ARM),
+    "mocap body": (lambda: bar(*CASES["mocap body and a link"][:2]), ARM),
+}
+
+
+def sensed(body: mf.SoftBody, xml: str = FLOOR, pos: tuple[float, ...] = (0.1, 0.2, 0.3)) -> mujoco.MjSpec:
+    """A scene with a soft body and all sensors of it, 20 material points each."""
+    spec = mujoco.MjSpec.from_string(xml)
+    parent = spec.body("upper") or spec.worldbody
+    mf.attach(spec, body, "meat", parent, pos=pos, quat=(0.8, 0, -0.6, 0) if xml == FLOOR else (1, 0, 0, 0))
+    for quantity in sensors.WHOLE:
+        mf.add_sensor(spec, body, "meat", quantity)
+    for quantity in sensors.OF_POINTS:
+        mf.add_sensor(spec, body, "meat", quantity, chosen(body))
+    return spec
+
+
+def chosen(body: mf.SoftBody) -> np.ndarray:
+    some = centers(body)
+    return some[np.random.default_rng(0).choice(len(some), 20, replace=False)] + 0.001
+
+
+def by_view(view: Soft, points: np.ndarray) -> dict[str, np.ndarray]:
+    return {
+        "elastic_energy": np.array([view.elastic_energy]),
+        "kinetic_energy": np.array([view.kinetic_energy]),
+        "energy_density": view.energy_densities(points),
+        "stress": view.stresses(points)[:, *VOIGT],
+        "strain": view.strains(points)[:, *VOIGT],
+        "deformation_gradient": view.deformation_gradients(points),
+    }
+
+
+@pytest.mark.parametrize("case", BODIES)
+def test_sensors_say_what_the_views_say(case: str) -> None:
+    make, xml = BODIES[case]
+    body = make()
+    model = sensed(body, xml, (0.1, 0.2, 0.3) if xml == FLOOR else (0, -0.03, -0.03)).compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        jumble(model, data, rng, 0.005, 0.2)
+        data.qvel[:] = rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        for quantity, expected in by_view(mf.soft(model, data, "meat"), chosen(body)).items():
+            found = data.sensor(f"meat_{quantity}").data
+            assert np.abs(expected).max() > 0
+            np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("make", [beam, lump])
+def test_sensors_turn_with_the_parents_where_frames_disagree(make: Callable[[], mf.SoftBody]) -> None:
+    model = sensed(make()).compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(2)
+    for _ in range(3):
+        distort(model, data, rng, over=True)
+        view = mf.soft(model, data, "meat")
+        regions = [region for region in view.regions if isinstance(region, CorotationalRegion)]
+        assert any(region.effective_gradient(view.control_positions[region.points])[0] < 1 for region in regions)
+        for quantity, expected in by_view(view, chosen(make())).items():
+            found = data.sensor(f"meat_{quantity}").data
+            np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_sensors_survive_prefixes_and_files(tmp_path) -> None:
+    body = block()
+    child = sensed(body)
+    expected = _after_a_while(child.compile())
+    scene = mujoco.MjSpec.from_string("<mujoco><worldbody><frame name='place'/></worldbody></mujoco>")
+    scene.option.timestep = child.option.timestep
+    scene.attach(child, prefix="robot_", frame=scene.frame("place"))
+    model = scene.compile()
+    path = tmp_path / "scene.xml"
+    path.write_text(scene.to_xml())
+    mujoco.mj_saveModel(model, str(tmp_path / "scene.mjb"))
+    for other in (
+        model,
+        mujoco.MjModel.from_xml_path(str(path)),
+        mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb")),
+    ):
+        for name, values in _after_a_while(other).items():
+            np.testing.assert_array_equal(values, expected[name.removeprefix("robot_")])
+
+
+def _after_a_while(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    data = mujoco.MjData(model)
+    for _ in range(150):
+        mujoco.mj_step(model, data)
+    assert data.ncon > 0
+    return {model.sensor(i).name: data.sensor(i).data.copy() for i in range(model.nsensor)}
+
+
+def test_two_bodies_have_their_own_sensors() -> None:
+    spec = sensed(block())
+    mf.attach(spec, beam(), "bone", pos=(0, 0, 2))
+    mf.add_sensor(spec, beam(), "bone", "kinetic_energy", sensor_name="speed")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    for name, sensor in {"meat": "meat_kinetic_energy", "bone": "speed"}.items():
+        assert data.sensor(sensor).data[0] == pytest.approx(mf.soft(model, data, name).kinetic_energy, rel=1e-10)
+
+
+def test_a_cutoff_cuts() -> None:
+    spec = sensed(block())
+    spec.sensor("meat_kinetic_energy").cutoff = 1e-4
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for _ in range(50):
+        mujoco.mj_step(model, data)
+    assert data.sensor("meat_kinetic_energy").data[0] == 1e-4
+
+
+def test_energies_need_no_more_than_mjcf() -> None:
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    mf.attach(spec, block(), "meat", pos=(0, 0, 0.1))
+    sensor = """<sensor><plugin name="energy" plugin="mjframes.sensor" objtype="body" objname="meat">
+        <config key="quantity" value="kinetic_energy"/></plugin></sensor></mujoco>"""
+    spec.compile()
+    xml = spec.to_xml().replace("</mujoco>", sensor)
+    xml = xml.replace("</extension>", '<plugin plugin="mjframes.sensor"/></extension>')
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    for _ in range(10):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    assert data.sensor("energy").data[0] == pytest.approx(mf.soft(model, data, "meat").kinetic_energy, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"quantity": "colour"}, r"sensor 'meat_stress': quantity has to be"),
+        ({"region": ""}, r"region is not an array of type i32"),
+        ({"region": "i32:1:AAAAAA=="}, r"its points are not those of the soft body"),
+        ({"gradient": "f64:0:"}, r"its points are not those of the soft body"),
+        ({"slack": "f64:0:"}, r"slack has another number of values"),
+    ],
+)
+def test_a_damaged_sensor_is_refused(change: dict[str, str], words: str) -> None:
+    spec = sensed(block())
+    instance = next(other for other in spec.plugins if other.name == "meat_stress")
+    instance.config = dict(instance.config) | change
+    with pytest.raises(ValueError, match=words):
+        spec.compile()
+
+
+@pytest.mark.parametrize("object_name", ["other", ""])
+def test_a_sensor_of_no_soft_body_is_refused(object_name: str) -> None:
+    spec = sensed(block())
+    spec.worldbody.add_body(name="other")
+    sensor = spec.sensor("meat_stress")
+    sensor.objname = object_name
+    sensor.objtype = mujoco.mjtObj.mjOBJ_BODY if object_name else mujoco.mjtObj.mjOBJ_UNKNOWN
+    with pytest.raises(ValueError, match="objname that of a soft body"):
+        spec.compile()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("meat", "colour"), "quantity is 'colour'; it must be one of 'elastic_energy'"),
+        (("meat", "stress"), r"the sensor 'stress' needs points, \(n, 3\) in metres"),
+        (("meat", "elastic_energy", [[0, 0, 0]]), "is of the whole body: give no points"),
+        (("fish", "elastic_energy"), "name is 'fish' but the spec's soft bodies are: 'meat'"),
+        (("meat", "elastic_energy"), "sensor_name is 'meat_elastic_energy', which the spec has already"),
+        (("meat", "stress", np.zeros((0, 3)), "none"), "points has no point"),
+        (("meat", "stress", [[9, 9, 9]], "far"), r"points\[0\] is"),
+    ],
+)
+def test_sensors_that_cannot_be_are_refused(arguments: tuple, words: str) -> None:
+    with pytest.raises(MjframesError, match=words):
+        mf.add_sensor(sensed(block()), block(), *arguments)
+
+
+def test_a_sensor_of_another_body_is_refused() -> None:
+    with pytest.raises(MjframesError, match="body is not the one that 'meat' was made of"):
+        mf.add_sensor(sensed(block()), beam(), "meat", "stress", [[0, 0, 0]])
