@@ -18,6 +18,7 @@ from scipy import sparse
 
 from mjframes.base.cache import cached
 from mjframes.base.errors import MjframesError
+from mjframes.body.fewest import fewest_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, place
 from mjframes.body.options import WHOLE_BODY, Paper, checked
@@ -39,7 +40,6 @@ from mjframes.weights.weights import Weights
 from mjframes.whole_body.build import Condensed, finite_elements, whole_body
 from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.contrast import firm_as_rigid
-from mjframes.whole_body.count import fewest_frames
 
 Progress = Callable[[str], None]
 

@@ -34,7 +34,7 @@ class Stiffness:
     gradient: (m, 3) ḡ_j that show how it is turned [1/m]: mean of ∇W_j by E dV, or as in rotations.py.
     matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
     volume: (r,) [m³].
-    fallback: (m, 3) ĝ_j that turn it where its frames disagree (mechanics.py), 0 for regions without [1/m]; empty where
+    fallback: (m, 3) ĝ_j that turn it where its frames disagree (corotational.py), 0 for regions without [1/m]; empty where
     all are.
     """
 
@@ -96,7 +96,7 @@ def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) ->
 def blind_to_translations(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """K_e (3m, 3m) without the forces on common translations of all points, which are rounding errors.
 
-    Relaxation leaves 1e-11 of K_e. Where h²K/m is as much, they would push a free body around.
+    Where h²K/m is as much as one over rounding, they would push a free body around.
     """
     blocks = matrix.reshape(len(matrix) // 3, 3, -1, 3)
     blocks = blocks - blocks.mean(axis=0)

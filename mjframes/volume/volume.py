@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.constants import MOST_CELLS, UP, VOLUME_VERSION
 from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
 from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
 from mjframes.volume.material import Material
@@ -241,15 +242,8 @@ class Volume:
             raise MjframesError(f"{path}: a volume is saved as .npz; give the path that ending.")
         arrays: dict[str, Any] = {"labels": self.labels, "spacing": self.spacing, "origin": self.origin}
         arrays |= {"axes": self.axes, "materials": write_materials(self.materials), "format_version": VOLUME_VERSION}
-        partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-        try:
-            with partial.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-            os.replace(partial, path)
-        except OSError as error:
-            raise MjframesError(f"{path}: the volume cannot be written there ({error.strerror}).") from error
-        finally:
-            partial.unlink(missing_ok=True)
+        with replacing(path, "the volume") as partial, partial.open("wb") as file:
+            np.savez_compressed(file, **arrays)
 
     def resample(self, voxels: int) -> Volume:
         """The volume on a grid of cubes of which about `voxels` are inside, each with the label at its centre.

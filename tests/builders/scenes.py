@@ -1,4 +1,4 @@
-"""Small soft bodies in scenes, and the same physics in dense matrices, from `mechanics.py`."""
+"""Small soft bodies in scenes, and the same physics in dense matrices, from `elasticity.corotational`."""
 
 from __future__ import annotations
 
