@@ -34,7 +34,7 @@ class Stiffness:
     gradient: (m, 3) ḡ_j that show how it is turned [1/m]: mean of ∇W_j by E dV, or as in rotations.py.
     matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
     volume: (r,) [m³].
-    fallback: (m, 3) ĝ_j that turn it where its frames disagree (corotational.py), 0 for regions without [1/m]; empty where
+    fallback: (m, 3) ĝ_j that turn it where its frames disagree [1/m], 0 for regions without; empty where
     all are.
     """
 
