@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from mjframes.kinematics.control import TETRAHEDRON
+from mjframes.kinematics.monomials import exponents, monomials
 
 Array = NDArray[np.float64]
 
@@ -30,17 +31,6 @@ MATCHED = 1e-13  # [-] of the largest moment: residual of a rule that fits
 LEAST_WEIGHT = 1e-5  # [-] of the volume, of a point that is worth its cost
 
 _AXES = np.eye(3, dtype=np.int64)
-
-
-def exponents(degree: int) -> NDArray[np.int64]:
-    """(p, 3) of all monomials of degree ≤ `degree`."""
-    return np.array(sorted((e for e in product(range(degree + 1), repeat=3) if sum(e) <= degree), key=sum))
-
-
-def monomials(y: Array, powers: NDArray[np.int64]) -> Array:
-    """(p, q) of points y (q, 3)."""
-    table = np.stack([y**n for n in range(int(powers.max()) + 1)])
-    return table[powers[:, 0], :, 0] * table[powers[:, 1], :, 1] * table[powers[:, 2], :, 2]
 
 
 def mean_monomials(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numba import njit
@@ -16,12 +15,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.threads import in_parallel
+from mjframes.kinematics.monomials import exponents
 from mjframes.volume.grid import Grid
 from mjframes.weights.weights import frame_count
 
 Array = NDArray[np.float64]
 
-EXPONENTS = np.array(sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=sum))  # 10 of degree ≤ 2 first
+EXPONENTS = exponents(4)  # the square of a quadratic function has degree 4
 SHARE = 1 << 17  # [voxels] that one thread sums up at a time
 
 

@@ -11,7 +11,8 @@ from scipy import sparse
 
 from mjframes.base.errors import MjframesError
 from mjframes.elasticity.laws import LAWS, law_parameters
-from mjframes.elasticity.moments import exponents, inside, mean_monomials, monomials, rule
+from mjframes.elasticity.moments import inside, mean_monomials, rule
+from mjframes.kinematics.monomials import exponents, monomials
 from mjframes.elasticity.quadrature import Quadrature, Strain, quadrature
 from mjframes.elasticity.regions import split_regions
 from mjframes.elasticity.stiffness import region_stiffness
