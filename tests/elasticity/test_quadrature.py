@@ -12,13 +12,13 @@ from scipy import sparse
 from mjframes.base.errors import MjframesError
 from mjframes.elasticity.laws import LAWS, law_parameters
 from mjframes.elasticity.moments import inside, mean_monomials, rule
-from mjframes.kinematics.monomials import exponents, monomials
 from mjframes.elasticity.quadrature import Quadrature, Strain, quadrature
 from mjframes.elasticity.regions import split_regions
 from mjframes.elasticity.stiffness import region_stiffness
 from mjframes.frames.placement import place_frames
 from mjframes.kinematics.control import control_points, points_of
 from mjframes.kinematics.gradients import control_gradients
+from mjframes.kinematics.monomials import exponents, monomials
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import elimination_tree
 from mjframes.volume.grid import Grid, voxel_grid
