@@ -229,6 +229,8 @@ def run(arguments: argparse.Namespace) -> int:
     from mjframes.app.recording import summary
     from mjframes.app.run import record
     from mjframes.scene.load import load_scene
+    from mjframes.scene.solver import advice
+    from mjframes.scene.view import soft_names
 
     model, spec = load_scene(arguments.scene)
     recording = record(
@@ -244,6 +246,8 @@ def run(arguments: argparse.Namespace) -> int:
         progress=True,
     )
     print(summary(recording))
+    if (faster := advice(model)) and soft_names(model):
+        print(f"solver        {faster} is made for {model.nv} degrees of freedom")
     return 0
 
 

@@ -16,6 +16,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.load import load_scene
 from mjframes.scene.plugin_text import SEPARATOR
+from mjframes.scene.solver import choose_solver
 from mjframes.volume.volume import Volume
 
 DROP = 0.25  # [-] of the body's size: how far above the floor it starts
@@ -30,7 +31,6 @@ def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact
     size = float((upper - lower).max())
     spec = mujoco.MjSpec()
     spec.modelname = name
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # twice as fast as sparse for so few degrees of freedom
     center = np.array([0.0, 0.0, (upper - lower)[2] / 2])
     spec.stat.center, spec.stat.extent = center, 2 * size
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
@@ -49,6 +49,7 @@ def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact
     middle = (lower + upper) / 2
     place = np.array([-middle[0], -middle[1], DROP * size - lower[2]])
     attach(spec, body, name, pos=place.tolist(), contact=contact)
+    choose_solver(spec)
     # it keeps its distance from the body's centre of mass: what rolls away stays in view
     radius = float(np.linalg.norm(upper - lower)) / 2
     distance = ROOM * radius / np.sin(np.radians(FIELD / 2))

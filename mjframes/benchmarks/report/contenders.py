@@ -26,6 +26,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Fixed
 from mjframes.kinematics.control import control_weights
 from mjframes.scene.attach import attach
+from mjframes.scene.solver import choose_solver
 from mjframes.scene.view import soft
 from mjframes.volume.grid import Grid
 from mjframes.volume.material import Material
@@ -78,8 +79,8 @@ class Simulation:
     def __init__(self, body: SoftBody, grid: Grid) -> None:
         spec = mujoco.MjSpec()
         spec.option.gravity = [0, 0, 0]
-        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         attach(spec, body, "body", contact=False)
+        choose_solver(spec)
         try:
             self.model = spec.compile()
         except ValueError as error:

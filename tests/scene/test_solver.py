@@ -1,0 +1,62 @@
+"""The solver that suits the number of degrees of freedom."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+from builders.scenes import FLOOR, compiled, lump
+
+from mjframes.scene.scene_file import standalone_scene
+from mjframes.scene.solver import FEW, advice, choose_solver
+
+
+def chain(count: int) -> mujoco.MjSpec:
+    """Bodies on a free, a ball and hinge and slide joints, `count` degrees of freedom."""
+    spec = mujoco.MjSpec()
+    free = spec.worldbody.add_body(mass=1, inertia=[1, 1, 1])
+    free.add_joint(type=mujoco.mjtJoint.mjJNT_FREE)
+    ball = free.add_body(mass=1, inertia=[1, 1, 1])
+    ball.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
+    for k in range(count - 9):
+        body = spec.worldbody.add_body(mass=1, inertia=[1, 1, 1])
+        body.add_joint(type=(mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)[k % 2])
+    return spec
+
+
+@pytest.mark.parametrize(("count", "solver", "sparse"), [(FEW, "NEWTON", False), (FEW + 1, "CG", True)])
+def test_the_choice_is_by_degrees_of_freedom(count: int, solver: str, sparse: bool) -> None:
+    spec = chain(count)
+    choose_solver(spec)
+    model = spec.compile()
+    assert model.nv == count
+    assert model.opt.solver == getattr(mujoco.mjtSolver, f"mjSOL_{solver}")
+    assert bool(mujoco.mj_isSparse(model)) == sparse
+    assert advice(model) == ""
+
+
+def test_advice_is_what_would_be_chosen() -> None:
+    model = chain(FEW + 100).compile()
+    assert advice(model) == '<option solver="CG" jacobian="sparse"/>'
+    model = chain(100).compile()  # MuJoCo's automatic choice is a sparse one from 60 on
+    assert advice(model) == '<option solver="Newton" jacobian="dense"/>'
+
+
+def test_a_written_scene_has_it() -> None:
+    body = lump()
+    model = standalone_scene(body, body.fields.volume).compile()
+    assert model.nv < FEW
+    assert model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    assert not mujoco.mj_isSparse(model)
+
+
+def test_both_solvers_agree() -> None:
+    body = lump()
+    ends = []
+    for solver, jacobian in (("NEWTON", "DENSE"), ("CG", "SPARSE")):
+        model, data = compiled(FLOOR, (body, (0, 0, 0.02), (1, 0, 0, 0)))
+        model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver}")
+        model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{jacobian}")
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_step(model, data, 300)
+        ends.append(data.xpos.copy())
+    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
