@@ -16,6 +16,7 @@ from shapes import mixed
 
 from mjframes.body import build
 from mjframes.configuration import ATTRIBUTES, decode, encode
+from mjframes.contact import Contact
 from mjframes.errors import MjframesError
 from mjframes.material import Material
 from mjframes.mjcf import attach
@@ -31,8 +32,9 @@ PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
 
 def scene_of_two() -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(FLOOR)
-    attach(spec.worldbody, beam(beta=0.001), "soft0", (0, 0, 0.1), PRINTABLE)
-    attach(spec.worldbody, lump(), "soft1", (0.3, 0, 0.1))  # differs in the last letter only
+    contact = Contact(solref=None)
+    attach(spec.worldbody, beam(beta=0.001), "soft0", (0, 0, 0.1), PRINTABLE, contact)
+    attach(spec.worldbody, lump(), "soft1", (0.3, 0, 0.1), contact=contact)  # differs in the last letter only
     return spec
 
 
