@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from mjframes.video import make_renderer
 from mjframes.view import soft, soft_names
 
 Generator = np.random.Generator
@@ -235,6 +236,39 @@ def _pick(world: World, rng: Generator) -> None:
     point, geom, flex, skin = np.zeros(3), np.zeros(1, np.int32), np.zeros(1, np.int32), np.zeros(1, np.int32)
     x, y = rng.random(2)
     mujoco.mjv_select(world.model, world.data, option, 1.5, x, y, shown, point, geom, flex, skin)
+
+
+@_edit
+def _render(world: World, rng: Generator) -> None:
+    """Colours, depths or segments, with any of what MuJoCo can show."""
+    renderer = make_renderer(world.model, 64, 48)
+    try:
+        kind = rng.integers(3)
+        if kind == 1:
+            renderer.enable_depth_rendering()
+        elif kind == 2:
+            renderer.enable_segmentation_rendering()
+        option = mujoco.MjvOption()
+        option.flags[:] = rng.random(option.flags.size) < 0.5
+        option.geomgroup[:] = 1
+        option.frame, option.label = rng.integers(mujoco.mjtFrame.mjNFRAME), rng.integers(mujoco.mjtLabel.mjNLABEL)
+        renderer.update_scene(world.data, int(rng.integers(-1, world.model.ncam)), option)
+        renderer.scene.flags[:] = rng.random(renderer.scene.flags.size) < 0.5
+        renderer.render()
+    finally:
+        renderer.close()
+
+
+@_edit
+def _cloth(world: World, rng: Generator) -> None:
+    """How flexes touch, where the scene has any."""
+    model = world.model
+    model.flex_friction[:] *= rng.uniform(0.3, 2)
+    model.flex_solref[:, 0] = rng.choice([0.004, 0.02])
+    model.flex_radius[:] = rng.choice([0.001, 0.005])
+    model.flex_margin[:] = rng.choice([0, 0.002])
+    model.flex_condim[:] = rng.choice([1, 3, 4, 6])
+    model.flex_contype[:] = model.flex_conaffinity[:] = rng.random() < 0.7
 
 
 @_edit
