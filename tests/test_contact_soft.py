@@ -252,3 +252,21 @@ def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco
     ours, theirs = deepest[(0.01, 1.0)], deepest[None]
     assert ours[0] < 0.6 * theirs[0]
     assert ours[1] < 0.7 * theirs[1]
+
+
+@pytest.mark.parametrize(
+    ("contact", "floor", "expected"),
+    [
+        (Contact(), "", 0.015),  # the mean of 0.01 and MuJoCo's 0.02
+        (Contact(), 'solref=".03 1" priority="1"', 0.03),
+        (Contact(solref=None), "", 0.02),
+        (Contact(solref=(0.03, 1)), 'solref=".03 1"', 0.03),
+        (Contact(solref=(0.04, 1), priority=1), "", 0.04),
+    ],
+)
+def test_the_solref_that_is_asked_for_counts(contact: Contact, floor: str, expected: float) -> None:
+    xml = FLOOR.replace('type="plane"', f'type="plane" {floor}')
+    model, data = compiled(xml, (beam(), (0, 0, -0.001), (1, 0, 0, 0)), contact=contact)
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 3
+    np.testing.assert_allclose(data.contact.solref, np.tile((expected, 1), (data.ncon, 1)))
