@@ -85,6 +85,10 @@ def build(arguments: argparse.Namespace) -> int:
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
     if output.suffix.lower() == ".npz" and (arguments.into or arguments.fragment):
         raise MjframesError(f"{output}: --into and --fragment write MJCF; give the output the ending .xml.")
+    placing = {"parent": "world", "pos": (0, 0, 0), "quat": (1, 0, 0, 0)}
+    moved = [name for name, default in placing.items() if getattr(arguments, name) != default]
+    if moved and not arguments.into:
+        raise MjframesError(f"--{moved[0]} places the body in the scene of --into; give that too, or leave it out.")
     import mujoco
     from rich.console import Console
 
@@ -101,7 +105,13 @@ def build(arguments: argparse.Namespace) -> int:
         try:
             if arguments.into:
                 spec = scene_with(
-                    body, arguments.into, arguments.name, arguments.parent, arguments.pos, arguments.contact
+                    body,
+                    arguments.into,
+                    arguments.name,
+                    arguments.parent,
+                    arguments.pos,
+                    arguments.quat,
+                    arguments.contact,
                 )
             elif arguments.fragment:
                 spec = fragment(body, arguments.name, arguments.contact)
