@@ -19,7 +19,7 @@ from scipy import sparse
 
 from mjframes.cache import cached
 from mjframes.control import ControlPoints
-from mjframes.errors import MjframesError
+from mjframes.errors import MjframesError, telling_memory
 from mjframes.fields import COMPLIANCE, EVEN, Fields
 from mjframes.frames import Frames, place
 from mjframes.grid import evened, voxel_grid, with_materials
@@ -152,6 +152,7 @@ class SoftBody:
         return load(path)
 
 
+@telling_memory
 def build(
     volume: Volume | str | os.PathLike[str],
     frames: int | None = None,
@@ -301,7 +302,7 @@ def build(
             "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
             "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
             TurnWarning,
-            stacklevel=2,
+            stacklevel=3,  # beyond telling_memory
         )
     points = None
     if placement.regions and laws:

@@ -19,7 +19,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from mjframes.arguments import command_line
-from mjframes.errors import MjframesError, Notice
+from mjframes.errors import MjframesError, Notice, out_of_memory
 
 if TYPE_CHECKING:
     from mjframes.body import SoftBody
@@ -38,11 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"mjframes: {error}", file=sys.stderr)
         return 2
     except MemoryError as error:
-        reason = f" ({error})" if str(error) else ""
-        print(
-            f"mjframes: there is not enough memory{reason}; take fewer voxels, as with --voxels, or fewer frames.",
-            file=sys.stderr,
-        )
+        print(f"mjframes: {out_of_memory(error)}", file=sys.stderr)
         return 2
     except OSError as error:
         what = "the results cannot be printed" if error.filename is None else f"{error.filename}: it cannot be used"
