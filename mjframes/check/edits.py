@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -296,11 +296,9 @@ def _threads(world: World, rng: Generator) -> None:
     steps = int(rng.integers(1, 30))
     datas = [copy.copy(world.data) for _ in range(2)]
     world.datas += 2
-    jobs = [threading.Thread(target=mujoco.mj_step, args=(world.model, data, steps)) for data in datas]
-    for job in jobs:
-        job.start()
-    for job in jobs:
-        job.join()
+    with ThreadPoolExecutor(2) as pool:
+        for job in [pool.submit(mujoco.mj_step, world.model, data, steps) for data in datas]:
+            job.result()
     alike = np.array_equal(datas[0].qpos, datas[1].qpos, equal_nan=True)
     if not alike:
         raise AssertionError("two threads step the same state to different bits")
