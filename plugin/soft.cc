@@ -191,7 +191,15 @@ void SoftBody::ScaleMass(const mjModel* m) {
   bool same = true;
   for (size_t j = 0; j < mass_scale_.size(); j++) {
     const ControlPoint& point = kinematics_.points()[j];
-    const double ratio = m->body_mass[point.body] / point.carried;
+    double ratio = m->body_mass[point.body] / point.carried;
+    if (!(ratio > 0 && std::isfinite(ratio))) {
+      if (!told_mass_) {
+        mju_warning("mjframes: body '%s' has a mass of %g kg, which must be positive: the soft body keeps %g kg there.",
+                    m->names + m->name_bodyadr[point.body], m->body_mass[point.body], point.carried);
+      }
+      told_mass_ = true;
+      ratio = 1;
+    }
     const double scale = std::abs(ratio - 1) > kSameMass ? std::sqrt(ratio) : 1.0;
     same = same && scale == mass_scale_[j];
     mass_scale_[j] = scale;

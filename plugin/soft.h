@@ -89,6 +89,7 @@ class SoftBody {
   std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
   bool last_ = false;                      // of all instances
   bool told_ = false, told_few_ = false;   // what CheckOptions has to say
+  bool told_mass_ = false;                 // what ScaleMass has to say
   CollisionMeshes meshes_;                 // of the scene
 
   // of this step; one SoftBody belongs to one mjData
