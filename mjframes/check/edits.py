@@ -251,9 +251,12 @@ def _render(world: World, rng: Generator) -> None:
         option = mujoco.MjvOption()
         option.flags[:] = rng.random(option.flags.size) < 0.5
         option.geomgroup[:] = 1
-        option.frame, option.label = rng.integers(mujoco.mjtFrame.mjNFRAME), rng.integers(mujoco.mjtLabel.mjNLABEL)
+        option.frame = rng.integers(mujoco.mjtFrame.mjNFRAME)
+        if kind < 2:  # MuJoCo takes the colours of text, fog and sky for segments
+            option.label = rng.integers(mujoco.mjtLabel.mjNLABEL)
         renderer.update_scene(world.data, int(rng.integers(-1, world.model.ncam)), option)
-        renderer.scene.flags[:] = rng.random(renderer.scene.flags.size) < 0.5
+        if kind < 2:
+            renderer.scene.flags[:] = rng.random(renderer.scene.flags.size) < 0.5
         renderer.render()
     finally:
         renderer.close()
