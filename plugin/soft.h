@@ -81,7 +81,8 @@ class SoftBody {
   void AddDamping(double rate);
   void AddMassBias(const mjModel* m, const mjData* d);
   static bool AnyAdds(const mjModel* m, const mjData* d);
-  void StoreInertia(const mjModel* m, mjData* d);
+  void StoreInertia(const mjModel* m, mjData* d, bool consistent);
+  void FactorInertia(const mjModel* m, mjData* d);
 
   std::shared_ptr<const SoftModel> model_;
   bool changes_inertia_ = true;
