@@ -103,7 +103,8 @@ InertiaFactor::InertiaFactor(const mjModel* m, const std::vector<bool>& trees) :
   path_.resize(deepest);
 }
 
-void InertiaFactor::Factor(const mjModel* m, mjData* d) {
+bool InertiaFactor::Factor(const mjModel* m, mjData* d) {
+  bool positive = true;
   const bool may_sleep = m->opt.enableflags & mjENBL_SLEEP;
   const auto asleep = [&](const Chain& chain) {
     return may_sleep && d->body_awake[m->dof_bodyid[chain.first]] == mjS_ASLEEP;
@@ -130,8 +131,10 @@ void InertiaFactor::Factor(const mjModel* m, mjData* d) {
       double* out = d->qLD + m->M_rowadr[chain.first + k];
       for (int a = 0; a < above + k; a++) out[a] = U[k][a] * inverse[k];
       out[above + k] = U[k][above + k];
+      positive = positive && out[above + k] > 0;
     }
   }
+  return positive;
 }
 
 }  // namespace mjframes

@@ -22,8 +22,9 @@ class InertiaFactor {
   // For the kinematic trees marked in `trees` (one a tree of the model).
   InertiaFactor(const mjModel* m, const std::vector<bool>& trees);
 
-  // Factors those trees' part of d->M, where they are awake; that of the others stays as it is.
-  void Factor(const mjModel* m, mjData* d);
+  // Factors those trees' part of d->M, where they are awake; that of the others stays as it is. False where d->M is not
+  // positive definite.
+  bool Factor(const mjModel* m, mjData* d);
 
  private:
   // Degrees of freedom `first` … `first + size − 1`.

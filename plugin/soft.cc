@@ -191,7 +191,15 @@ void SoftBody::ScaleMass(const mjModel* m) {
   bool same = true;
   for (size_t j = 0; j < mass_scale_.size(); j++) {
     const ControlPoint& point = kinematics_.points()[j];
-    const double ratio = m->body_mass[point.body] / point.carried;
+    double ratio = m->body_mass[point.body] / point.carried;
+    if (!(ratio > 0 && std::isfinite(ratio))) {
+      if (!told_mass_) {
+        mju_warning("mjframes: body '%s' has a mass of %g kg, which must be positive: the soft body keeps %g kg there.",
+                    m->names + m->name_bodyadr[point.body], m->body_mass[point.body], point.carried);
+      }
+      told_mass_ = true;
+      ratio = 1;
+    }
     const double scale = std::abs(ratio - 1) > kSameMass ? std::sqrt(ratio) : 1.0;
     same = same && scale == mass_scale_[j];
     mass_scale_[j] = scale;
@@ -225,8 +233,8 @@ void SoftBody::Compute(const mjModel* m, mjData* d) {
   }
   // compute may run again on the same position: start from the rigid inertia each time
   if (starts_inertia_ && AnyAdds(m, d)) mj_makeM(m, d);
-  if (changes_inertia_ && awake) StoreInertia(m, d);
-  if (factor_) factor_->Factor(m, d);
+  if (changes_inertia_ && awake) StoreInertia(m, d, true);
+  if (factor_) FactorInertia(m, d);
   if (last_) WriteConstraintRows(m, d, contact_scratch_.get());
 }
 
@@ -259,11 +267,25 @@ bool SoftBody::AnyAdds(const mjModel* m, const mjData* d) {
   return false;
 }
 
-// d->M += Jᵀ ((h² + h β) K + h α M) J, the stiffness of turns, and the part of the mass that MuJoCo does not know of.
-void SoftBody::StoreInertia(const mjModel* m, mjData* d) {
+// Consistent masses miss how what all of a body hangs on turns it: with points in far places d->M can lose its
+// definiteness. Lumped ones keep it.
+void SoftBody::FactorInertia(const mjModel* m, mjData* d) {
+  if (factor_->Factor(m, d)) return;
+  mj_makeM(m, d);
+  for (int instance = 0; instance < m->nplugin; instance++) {
+    SoftBody* body = GetSoftBody(m, d, instance);
+    if (body && body->changes_inertia_ && !body->kinematics_.Asleep(m, d)) body->StoreInertia(m, d, false);
+  }
+  factor_->Factor(m, d);
+}
+
+// d->M += Jᵀ ((h² + h β) K + h α M) J, the stiffness of turns, and, if consistent, the part of the mass that MuJoCo
+// does not know of.
+void SoftBody::StoreInertia(const mjModel* m, mjData* d, bool consistent) {
   const double h = m->opt.timestep;
   for (size_t i = 0; i < mass_.size(); i++) {
-    added_mass_[i] = (model_->implicit ? h * model_->alpha * mass_[i] : 0) + mass_difference_[i];
+    added_mass_[i] = model_->implicit ? h * model_->alpha * mass_[i] : 0;
+    if (consistent) added_mass_[i] += mass_difference_[i];
   }
   kinematics_.StoreInertia(held_.empty() ? stiffness_.data() : held_.data(),
                            model_->implicit ? h * (h + model_->beta) : 0, added_mass_.data(), m, d);

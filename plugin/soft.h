@@ -81,7 +81,8 @@ class SoftBody {
   void AddDamping(double rate);
   void AddMassBias(const mjModel* m, const mjData* d);
   static bool AnyAdds(const mjModel* m, const mjData* d);
-  void StoreInertia(const mjModel* m, mjData* d);
+  void StoreInertia(const mjModel* m, mjData* d, bool consistent);
+  void FactorInertia(const mjModel* m, mjData* d);
 
   std::shared_ptr<const SoftModel> model_;
   bool changes_inertia_ = true;
@@ -89,6 +90,7 @@ class SoftBody {
   std::unique_ptr<InertiaFactor> factor_;  // the last one's, for all
   bool last_ = false;                      // of all instances
   bool told_ = false, told_few_ = false;   // what CheckOptions has to say
+  bool told_mass_ = false;                 // what ScaleMass has to say
   CollisionMeshes meshes_;                 // of the scene
 
   // of this step; one SoftBody belongs to one mjData

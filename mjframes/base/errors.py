@@ -1,5 +1,12 @@
 """The one exception that a user's mistake raises, and the warnings of what was taken for granted."""
 
+import functools
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
 
 class MjframesError(ValueError):
     """One sentence that names the argument or file, what is wrong with it and what would be right."""
@@ -7,3 +14,22 @@ class MjframesError(ValueError):
 
 class Notice(UserWarning):
     """One sentence on what a file does not say or is not, and how it was taken; the command line prints it."""
+
+
+def telling_memory(function: Callable[P, R]) -> Callable[P, R]:
+    """Return the function with a MjframesError in place of a MemoryError."""
+
+    @functools.wraps(function)
+    def told(*arguments: P.args, **options: P.kwargs) -> R:
+        try:
+            return function(*arguments, **options)
+        except MemoryError as error:
+            raise MjframesError(out_of_memory(error)) from error
+
+    return told
+
+
+def out_of_memory(error: MemoryError) -> str:
+    """Return the sentence on it."""
+    reason = f" ({error})" if str(error) else ""
+    return f"there is not enough memory{reason}; take fewer voxels, as with --voxels, or fewer frames."

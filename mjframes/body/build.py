@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from mjframes.base.cache import cached
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, telling_memory
 from mjframes.body.fewest import fewest_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, place
@@ -50,6 +50,7 @@ class TurnWarning(UserWarning):
     """A body that is free to turn has frames that cannot."""
 
 
+@telling_memory
 def build(
     volume: Volume | str | os.PathLike[str],
     frames: int | None = None,
@@ -230,7 +231,7 @@ def _warn_of_points(types: Sequence[str]) -> None:
             "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
             "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
             TurnWarning,
-            stacklevel=3,
+            stacklevel=4,  # beyond telling_memory
         )
 
 

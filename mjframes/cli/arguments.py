@@ -55,6 +55,13 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         metavar="X,Y,Z",
         help="in that body [m] (default 0,0,0); --pos=-1,0,0",
     )
+    command.add_argument(
+        "--quat",
+        type=_orientation,
+        default=(1.0, 0.0, 0.0, 0.0),
+        metavar="W,X,Y,Z",
+        help="in that body (default 1,0,0,0)",
+    )
     wanted = command.add_mutually_exclusive_group()
     wanted.add_argument("--frames", type=_count, metavar="N", help="number of frames (default 3)")
     wanted.add_argument(
@@ -211,6 +218,16 @@ def _place(text: str) -> tuple[float, float, float]:
     if not all(map(math.isfinite, (x, y, z))):
         raise argparse.ArgumentTypeError(f"{text!r} is not three coordinates in metres with commas between")
     return x, y, z
+
+
+def _orientation(text: str) -> tuple[float, float, float, float]:
+    try:
+        w, x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        w = x = y = z = math.nan
+    if not (all(map(math.isfinite, (w, x, y, z))) and any((w, x, y, z))):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a quaternion, four numbers, not all 0, with commas between")
+    return w, x, y, z
 
 
 def _amount(text: str) -> int:

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from mjframes.base.errors import MjframesError, Notice
+from mjframes.base.errors import MjframesError, Notice, out_of_memory
 from mjframes.cli.arguments import command_line
 
 if TYPE_CHECKING:
@@ -40,11 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"mjframes: {error}", file=sys.stderr)
         return 2
     except MemoryError as error:
-        reason = f" ({error})" if str(error) else ""
-        print(
-            f"mjframes: there is not enough memory{reason}; take fewer voxels, as with --voxels, or fewer frames.",
-            file=sys.stderr,
-        )
+        print(f"mjframes: {out_of_memory(error)}", file=sys.stderr)
         return 2
     except OSError as error:
         what = "the results cannot be printed" if error.filename is None else f"{error.filename}: it cannot be used"
@@ -87,6 +83,10 @@ def build(arguments: argparse.Namespace) -> int:
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
     if output.suffix.lower() == ".npz" and (arguments.into or arguments.fragment):
         raise MjframesError(f"{output}: --into and --fragment write MJCF; give the output the ending .xml.")
+    placing = {"parent": "world", "pos": (0, 0, 0), "quat": (1, 0, 0, 0)}
+    moved = [name for name, default in placing.items() if getattr(arguments, name) != default]
+    if moved and not arguments.into:
+        raise MjframesError(f"--{moved[0]} places the body in the scene of --into; give that too, or leave it out.")
     import mujoco
     from rich.console import Console
 
@@ -103,7 +103,13 @@ def build(arguments: argparse.Namespace) -> int:
         try:
             if arguments.into:
                 spec = scene_with(
-                    body, arguments.into, arguments.name, arguments.parent, arguments.pos, arguments.contact
+                    body,
+                    arguments.into,
+                    arguments.name,
+                    arguments.parent,
+                    arguments.pos,
+                    arguments.quat,
+                    arguments.contact,
                 )
             elif arguments.fragment:
                 spec = fragment(body, arguments.name, arguments.contact)

@@ -69,9 +69,15 @@ def fragment(body: SoftBody, name: str = "soft", contact: bool = True) -> mujoco
 
 
 def scene_with(
-    body: SoftBody, scene: str | os.PathLike[str], name: str, parent: str, pos: Sequence[float], contact: bool = True
+    body: SoftBody,
+    scene: str | os.PathLike[str],
+    name: str,
+    parent: str,
+    pos: Sequence[float],
+    quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    contact: bool = True,
 ) -> mujoco.MjSpec:
-    """The spec of a scene (.xml) with `body` in it, at `pos` [m] of the scene's body `parent`.
+    """The spec of a scene (.xml) with `body` in it, at `pos` [m], `quat` of the scene's body `parent`.
 
     What is new stands at rest in the scene's keyframes.
     Raises MjframesError for a scene that cannot be loaded, and for a name or a parent that it does not allow.
@@ -82,7 +88,7 @@ def scene_with(
     kept = [(key, np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]
     for key, _, _ in kept:
         key.qpos, key.qvel = [], []
-    attach(spec, body, name, parent, pos=pos, contact=contact)
+    attach(spec, body, name, parent, pos=pos, quat=quat, contact=contact)
     after = spec.compile()
     of_scene = [not after.joint(j).name.startswith(name + SEPARATOR) for j in range(after.njnt)]
     for key, qpos, qvel in kept:

@@ -140,7 +140,8 @@ class Soft:
         """(k,) √ of the mass of each point's body in the model, to that it was built with [-]; as in plugin/soft.cc."""
         built = np.bincount(self.bodies, self._built_mass)[self.bodies]
         ratio = self.model.body_mass[self.bodies] / built
-        return np.sqrt(np.where(abs(ratio - 1) > SAME_MASS, ratio, 1))
+        changed = (abs(ratio - 1) > SAME_MASS) & (ratio > 0) & np.isfinite(ratio)  # the plugin warns of the others
+        return np.sqrt(np.where(changed, ratio, 1))
 
     @cached_property
     def _built_mass(self) -> np.ndarray:

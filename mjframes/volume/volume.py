@@ -18,7 +18,7 @@ import scipy.ndimage
 from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.constants import MOST_CELLS, UP, VOLUME_VERSION
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, telling_memory
 from mjframes.base.files import replacing
 from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
@@ -69,6 +69,7 @@ class Volume:
         _check_materials(occurring(labels), self.materials)
 
     @classmethod
+    @telling_memory
     def load(
         cls,
         path: str | os.PathLike[str],
@@ -95,6 +96,7 @@ class Volume:
         return cls._made(image, f"{os.fspath(path)}: ", spacing, materials, origin, drop_unknown, crop, up)
 
     @classmethod
+    @telling_memory
     def from_labels(
         cls,
         labels: ArrayLike,
@@ -166,6 +168,7 @@ class Volume:
         return whole.upright(up)
 
     @classmethod
+    @telling_memory
     def from_meshes(
         cls,
         meshes: Sequence[tuple[MeshLike, Material]],
@@ -220,7 +223,7 @@ class Volume:
         settings = (step, None if voxels is None else int(voxels), fill is not None, float(scale))
         known = cached("volume", (*contents, *settings), compute)
         for notice in known["notices"].tolist():
-            warnings.warn(notice, MeshWarning, stacklevel=2)
+            warnings.warn(notice, MeshWarning, stacklevel=3)  # beyond telling_memory
         labels, origin, step = known["labels"], known["origin"], known["spacing"]
         present = set(occurring(labels))
         inside = {i: material for i, material in enumerate(materials, 1) if i in present}
@@ -245,6 +248,7 @@ class Volume:
         with replacing(path, "the volume") as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
+    @telling_memory
     def resample(self, voxels: int) -> Volume:
         """The volume on a grid of cubes of which about `voxels` are inside, each with the label at its centre.
 
@@ -288,6 +292,7 @@ class Volume:
         turn[1] = np.cross(turn[2], turn[0])
         return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
 
+    @telling_memory
     def filled(self, material: Material) -> Volume:
         """The volume with `material` in all of its convex hull that was outside: flesh around bones.
 
@@ -300,6 +305,7 @@ class Volume:
         labels[in_convex_hull(labels != 0) & (labels == 0)] = label
         return replace(self, labels=labels, materials=self.materials | {label: material})
 
+    @telling_memory
     def largest_component(self) -> Volume:
         """The volume without all pieces but the one with the most voxels (26 neighbours)."""
         pieces, sizes = _components(self.labels)
@@ -410,6 +416,7 @@ def _require_labels(source: str, labels: NDArray[Any]) -> None:
 
 def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
     """A copy of the labels in the smallest unsigned type that holds them."""
+    np.empty(labels.shape, np.uint8)  # MemoryError before the labels are read, which may take minutes
     low, high = labels.min(), labels.max()
     if not (low >= 0 and high <= LARGEST_LABEL):  # so that NaN fails too
         raise MjframesError(

@@ -56,3 +56,18 @@ def test_what_an_edit_breaks_is_told(monkeypatch: pytest.MonkeyPatch, edit: obje
 @pytest.mark.usefixtures("heard")
 def test_a_program_is_the_same_each_time() -> None:
     assert abuse.program(5) == abuse.program(5)
+
+
+def test_some_scenes_have_flexes_of_each_kind() -> None:
+    models = [abuse.scene(np.random.default_rng(seed)).compile() for seed in range(20)]
+    assert {tuple(model.flex_dim) for model in models} == {(), (1,), (2,), (3,)}
+
+
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize("edit", ["render", "cloth"])
+def test_pictures_and_flexes_are_among_the_edits(monkeypatch: pytest.MonkeyPatch, edit: str) -> None:
+    chosen = {"step": EDITS["step"], edit: EDITS[edit]}
+    monkeypatch.setattr(abuse, "EDITS", chosen)
+    report = abuse.program(11)
+    assert report.edits == abuse.LENGTH
+    assert report.failures == ()

@@ -80,6 +80,10 @@ def test_run_prints_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["build", "none.npz", "-o", "new/folder/a.xml"], "none.npz: there is no such file"),
         (["build", "none.npz", "-o", "a.npz", "--fragment"], "--into and --fragment write MJCF"),
         (["build", "none.npz", "-o", "a.xml", "--pos", "1,2"], "'1,2' is not three coordinates"),
+        (["build", "none.npz", "-o", "a.xml", "--quat", "1,0,0"], "'1,0,0' is not a quaternion"),
+        (["build", "none.npz", "-o", "a.xml", "--quat", "0,0,0,0"], "'0,0,0,0' is not a quaternion"),
+        (["build", "none.npz", "-o", "a.xml", "--quat", "1,0,nan,0"], "'1,0,nan,0' is not a quaternion"),
+        (["build", "none.npz", "-o", "a.xml", "--quat", "1,0,1,0"], "--quat places the body in the scene of --into"),
         (["build", "none.npz", "-o", "a.xml", "--up", "w"], "argument --up: invalid choice: 'w'"),
         (["dance"], "invalid choice: 'dance'"),
     ],
@@ -180,12 +184,14 @@ def test_build_puts_a_body_into_a_scene(
     kitchen = tmp_path / "kitchen.xml"
     kitchen.write_text(KITCHEN)
     command = ["build", str(body), "--into", str(kitchen), "--name", "bar", "--parent", parent, "--pos=0,0,1"]
+    command += ["--quat=1,0,0,-1"]
     for output in (tmp_path / "elsewhere" / "new.xml", kitchen):
         assert kitchen.read_text() == KITCHEN
         assert main([*command, "-o", str(output)]) == 0
         model = mujoco.MjModel.from_xml_path(str(output))
         assert model.body("bar").parentid == model.body(below).id
         assert model.body("bar").pos.tolist() == pytest.approx(place)
+        assert model.body("bar").quat.tolist() == pytest.approx((0.5**0.5, 0, 0, -(0.5**0.5)))
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
         assert data.joint("up").qpos == 0.5

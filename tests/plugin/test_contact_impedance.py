@@ -34,3 +34,16 @@ def test_the_ratio_of_regularization_is_the_one_asked_for(density: float, impeda
     stiffness = impedance / (impedance * TIME_CONSTANT) ** 2
     realized = -data.contact.dist * stiffness / (force * admittance)
     np.testing.assert_allclose(realized, (1 - impedance) / impedance, rtol=1e-4)
+
+
+@pytest.mark.parametrize("timestep", [0.002, 0.005, 0.008, 0.02])
+def test_a_time_constant_is_never_below_two_timesteps(timestep: float) -> None:
+    """As MuJoCo sees to unless refsafe is disabled: k = 1/(dmax τ ζ)² of every row."""
+    for disabled, shortest in ((0, 2 * timestep), (mujoco.mjtDisableBit.mjDSBL_REFSAFE, 0.0)):
+        body = (block((6, 6, 6), 0.01, 1000), (0, 0, -0.001), (1, 0, 0, 0))
+        model, data = compiled(FLOOR, body, contact=Contact(priority=1), timestep=timestep)
+        model.opt.disableflags = disabled
+        mujoco.mj_forward(model, data)
+        assert data.nefc > 3
+        stiffness = 1 / (0.95 * max(0.01, shortest)) ** 2
+        np.testing.assert_allclose(data.efc_KBIP[:, 0], stiffness)

@@ -231,3 +231,40 @@ def test_bits_choose_what_a_soft_body_meets() -> None:
 def test_contact_refuses_what_mujoco_would_not_take(wrong: dict[str, object]) -> None:
     with pytest.raises(MjframesError, match=next(iter(wrong))):
         Contact(**wrong)  # pyright: ignore[reportArgumentType]
+
+
+def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco() -> None:
+    """A heavy block that falls 30 cm onto a light one: at most, and where it comes to rest."""
+    light, heavy = block((12, 12, 5), 0.01, 800), block((6, 6, 6), 0.01, 3000)
+    deepest = {}
+    for contact in (Contact(), Contact(solref=None)):
+        places = ((light, (0, 0, 0), (1, 0, 0, 0)), (heavy, (0.03, 0.03, 0.35), (1, 0, 0, 0)))
+        model, data = compiled(FLOOR, *places, contact=contact, timestep=0.002)
+        depths = []
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+            owner = model.body_plugin[model.geom_bodyid[data.contact.geom]]
+            between = data.contact.dist[(owner >= 0).all(axis=1)]
+            depths.append(max(0.0, -between.min(initial=0)))
+        deepest[contact.solref] = max(depths), float(np.mean(depths[-50:]))
+    ours, theirs = deepest[(0.01, 1.0)], deepest[None]
+    assert ours[0] < 0.6 * theirs[0]
+    assert ours[1] < 0.7 * theirs[1]
+
+
+@pytest.mark.parametrize(
+    ("contact", "floor", "expected"),
+    [
+        (Contact(), "", 0.015),  # the mean of 0.01 and MuJoCo's 0.02
+        (Contact(), 'solref=".03 1" priority="1"', 0.03),
+        (Contact(solref=None), "", 0.02),
+        (Contact(solref=(0.03, 1)), 'solref=".03 1"', 0.03),
+        (Contact(solref=(0.04, 1), priority=1), "", 0.04),
+    ],
+)
+def test_the_solref_that_is_asked_for_counts(contact: Contact, floor: str, expected: float) -> None:
+    xml = FLOOR.replace('type="plane"', f'type="plane" {floor}')
+    model, data = compiled(xml, (beam(), (0, 0, -0.001), (1, 0, 0, 0)), contact=contact)
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 3
+    np.testing.assert_allclose(data.contact.solref, np.tile((expected, 1), (data.ncon, 1)))

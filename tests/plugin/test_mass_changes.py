@@ -8,6 +8,7 @@ import pytest
 
 from mjframes.body.build import build
 from mjframes.scene.attach import attach
+from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
@@ -56,3 +57,32 @@ def test_frames_of_different_factors_stay_stable() -> None:
     mujoco.mj_step(model, data, nstep=2000)
     assert not any(warning.number for warning in data.warning)
     assert np.abs(data.qvel).max() < 0.1
+
+
+@pytest.mark.parametrize("kind", ["affine", "rigid"])
+@pytest.mark.parametrize("wrong", [-1.0, 0.0, np.nan, np.inf])
+def test_a_mass_that_cannot_be_is_told_of_once(kind: str, wrong: float) -> None:
+    model = falling(1, kind)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    expected, heard = soft(model, data, "soft").elastic_energy, list[str]()
+    body, mass = int(soft(model, data, "soft").bodies[-1]), soft(model, data, "soft").mass
+    built, model.body_mass[body] = model.body_mass[body], wrong
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        for _ in range(3):
+            mujoco.mj_forward(model, data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    told = [text for text in heard if text.startswith("mjframes:")]
+    name = model.body(body).name
+    assert told == [
+        f"mjframes: body '{name}' has a mass of {wrong:g} kg, which must be positive: the soft body keeps {built:g} kg "
+        "there."
+    ]
+    np.testing.assert_array_equal(soft(model, data, "soft").mass, mass)
+    assert soft(model, data, "soft").elastic_energy == pytest.approx(expected, abs=1e-12)
+    model.body_mass[body] = built
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_step(model, data, nstep=50)
+    assert np.isfinite(data.qpos).all()

@@ -18,6 +18,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.frames.supports import Attached
 from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
 from mjframes.scene.load import load_scene
 from mjframes.scene.plugin import NAME
 from mjframes.scene.plugin_text import ATTRIBUTES, decode, encode
@@ -29,8 +30,9 @@ from mjframes.volume.volume import Volume
 
 def scene_of_two() -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(FLOOR)
-    attach(spec, beam(beta=0.001), "soft0", pos=(0, 0, 0.1), quat=PRINTABLE)
-    attach(spec, lump(), "soft1", pos=(0.3, 0, 0.1))  # differs in the last letter only
+    contact = Contact(solref=None)
+    attach(spec, beam(beta=0.001), "soft0", pos=(0, 0, 0.1), quat=PRINTABLE, contact=contact)
+    attach(spec, lump(), "soft1", pos=(0.3, 0, 0.1), contact=contact)  # differs in the last letter only
     return spec
 
 

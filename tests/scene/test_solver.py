@@ -59,4 +59,4 @@ def test_both_solvers_agree() -> None:
         mujoco.mj_resetData(model, data)
         mujoco.mj_step(model, data, 300)
         ends.append(data.xpos.copy())
-    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+    assert ends[0] == pytest.approx(ends[1], abs=5e-6)  # of a fall of 20 mm, over 300 steps

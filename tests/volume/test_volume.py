@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
+from mjframes.body.build import build
 from mjframes.volume.images import ImageWarning
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume, require_connected
@@ -598,3 +599,26 @@ def test_resampling_keeps_places_and_the_share_of_each_label() -> None:
 def test_frog_with_a_bad_header_is_refused() -> None:
     with pytest.raises(MjframesError, match=r"badheader\.mhd: its header asks for 260020 bytes .* has 262087"):
         Volume.load(_shared("frog_tissue_badheader.mhd"), spacing=0.001, materials=MATERIALS)
+
+
+def test_too_many_labels_for_the_memory_are_told_at_once() -> None:
+    with pytest.raises(MjframesError, match=r"there is not enough memory \(Unable to allocate .*\); take fewer voxels"):
+        Volume.from_labels(np.broadcast_to(np.uint8(1), (10**4, 10**4, 10**4)), 0.01, MATERIALS)
+
+
+@pytest.mark.parametrize("name", ["build", "resample", "filled", "largest_component"])
+def test_too_little_memory_is_told(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    def greedy(*_: object) -> None:
+        np.zeros(2**62, np.uint8)
+
+    volume = Volume.from_labels(_labels(), 0.01, MATERIALS)
+    calls = {
+        "build": ("body.build.voxel_grid", lambda: build(volume, 1)),
+        "resample": ("volume.volume._box", lambda: volume.resample(9)),
+        "filled": ("volume.volume.in_convex_hull", lambda: volume.filled(FLESH)),
+        "largest_component": ("volume.volume._components", volume.largest_component),
+    }
+    place, call = calls[name]
+    monkeypatch.setattr(f"mjframes.{place}", greedy)
+    with pytest.raises(MjframesError, match=r"there is not enough memory \(Unable to allocate 4.00 EiB"):
+        call()

@@ -1,8 +1,9 @@
 """`mjframes check --abuse`: random programs that do to scenes with soft bodies whatever MuJoCo allows.
 
 A program is made of its seed: it builds a scene and edits it, sizes, options, flags, states, copies, resets, rays,
-picks, recompiles, threads. It runs in a process of its own, so that even a crash is told, with its seed. What may come
-of an edit is a sentence, as MuJoCo's errors are; numbers that are not finite only with MuJoCo's own warning of them.
+picks, pictures, recompiles, threads. It runs in a process of its own, so that even a crash is told, with its seed. What
+may come of an edit is a sentence, as MuJoCo's errors are; numbers that are not finite only with MuJoCo's own warning
+of them.
 """
 
 from __future__ import annotations
@@ -55,6 +56,15 @@ SCENE = """<mujoco>
 <actuator><motor name="arm" joint="arm" gear=".1"/></actuator>
 <sensor><rangefinder name="range" site="above"/><e_kinetic/><e_potential/></sensor>
 </mujoco>"""
+
+CLOTHS = (  # flexes other than of triangles do not touch soft bodies
+    '<flexcomp name="cloth" type="grid" dim="2" count="5 5 1" {}><edge equality="true"/></flexcomp>',
+    '<flexcomp name="cloth" type="grid" dim="1" count="5 1 1" {}><contact contype="0" conaffinity="0"/>'
+    '<edge equality="true"/></flexcomp>',
+    '<flexcomp name="cloth" type="grid" dim="3" count="3 3 3" {}><contact contype="0" conaffinity="0"/>'
+    '<elasticity young="1e3" poisson="0.3" damping="0.001"/></flexcomp>',
+)
+CLOTH = 'spacing=".03 .03 .03" pos="-.06 0 .26" mass=".03" radius=".002"'
 
 
 @dataclass(frozen=True)
@@ -169,8 +179,11 @@ def _first(text: str) -> str:
 
 
 def scene(rng: np.random.Generator) -> mujoco.MjSpec:
-    """Return a scene with one to three soft bodies among rigid ones."""
-    spec = mujoco.MjSpec.from_string(SCENE)
+    """Return a scene with one to three soft bodies among rigid ones, in every other one a cloth, a cord or a flexible
+    block.
+    """
+    cloth = str(rng.choice(CLOTHS, p=(0.6, 0.2, 0.2))).format(CLOTH) if rng.random() < 0.5 else ""
+    spec = mujoco.MjSpec.from_string(SCENE.replace("</worldbody>", f"{cloth}</worldbody>"))
     for number in range(rng.integers(1, 4)):
         kind = int(rng.integers(len(_KINDS)))
         place = (0.12 * number - 0.12, 0.0, 0.1 + 0.1 * number)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 
+from mjframes.app.video import make_renderer
 from mjframes.scene.view import soft, soft_names
 
 Generator = np.random.Generator
@@ -238,6 +239,42 @@ def _pick(world: World, rng: Generator) -> None:
 
 
 @_edit
+def _render(world: World, rng: Generator) -> None:
+    """Colours, depths or segments, with any of what MuJoCo can show."""
+    renderer = make_renderer(world.model, 64, 48)
+    try:
+        kind = rng.integers(3)
+        if kind == 1:
+            renderer.enable_depth_rendering()
+        elif kind == 2:
+            renderer.enable_segmentation_rendering()
+        option = mujoco.MjvOption()
+        option.flags[:] = rng.random(option.flags.size) < 0.5
+        option.geomgroup[:] = 1
+        option.frame = rng.integers(mujoco.mjtFrame.mjNFRAME)
+        if kind < 2:  # MuJoCo takes the colours of text, fog and sky for segments
+            option.label = rng.integers(mujoco.mjtLabel.mjNLABEL)
+        renderer.update_scene(world.data, int(rng.integers(-1, world.model.ncam)), option)
+        if kind < 2:
+            renderer.scene.flags[:] = rng.random(renderer.scene.flags.size) < 0.5
+        renderer.render()
+    finally:
+        renderer.close()
+
+
+@_edit
+def _cloth(world: World, rng: Generator) -> None:
+    """How flexes touch, where the scene has any."""
+    model = world.model
+    model.flex_friction[:] *= rng.uniform(0.3, 2)
+    model.flex_solref[:, 0] = rng.choice([0.004, 0.02])
+    model.flex_radius[:] = rng.choice([0.001, 0.005])
+    model.flex_margin[:] = rng.choice([0, 0.002])
+    model.flex_condim[:] = rng.choice([1, 3, 4, 6])
+    model.flex_contype[:] = model.flex_conaffinity[:] = rng.random() < 0.7
+
+
+@_edit
 def _distance(world: World, rng: Generator) -> None:
     some, other = rng.integers(world.model.ngeom, size=2)
     mujoco.mj_geomDistance(world.model, world.data, int(some), int(other), 0.2, np.zeros(6))
@@ -262,11 +299,9 @@ def _threads(world: World, rng: Generator) -> None:
     steps = int(rng.integers(1, 30))
     datas = [copy.copy(world.data) for _ in range(2)]
     world.datas += 2
-    jobs = [threading.Thread(target=mujoco.mj_step, args=(world.model, data, steps)) for data in datas]
-    for job in jobs:
-        job.start()
-    for job in jobs:
-        job.join()
+    with ThreadPoolExecutor(2) as pool:
+        for job in [pool.submit(mujoco.mj_step, world.model, data, steps) for data in datas]:
+            job.result()
     alike = np.array_equal(datas[0].qpos, datas[1].qpos, equal_nan=True)
     if not alike:
         raise AssertionError("two threads step the same state to different bits")
