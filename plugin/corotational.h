@@ -26,8 +26,8 @@
 #include <vector>
 
 #include "cells.h"
-#include "lanes.h"
 #include "linear.h"
+#include "simd.h"
 
 namespace mjframes {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "height_field.h"
-#include "multiversion.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "multiversion.h"
+#include "simd.h"
 #include "triangle.h"
 
 namespace mjframes {

@@ -19,8 +19,7 @@
 
 #include "hessian.h"
 #include "kinematics.h"
-#include "lanes.h"
-#include "multiversion.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {

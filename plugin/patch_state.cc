@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "lanes.h"
-#include "multiversion.h"
+#include "simd.h"
 #include "soft.h"
 
 namespace mjframes {

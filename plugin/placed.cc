@@ -1,8 +1,7 @@
 #include "placed.h"
 
-#include "lanes.h"
 #include "lattice.h"
-#include "multiversion.h"
+#include "simd.h"
 #include "soft.h"
 
 namespace mjframes {

@@ -4,8 +4,7 @@
 
 #include <algorithm>
 
-#include "lanes.h"
-#include "multiversion.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {

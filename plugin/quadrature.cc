@@ -5,10 +5,7 @@
 #include <utility>
 
 #include "hessian.h"
-#include "lanes.h"
-#include "law_lanes.h"
-#include "multiversion.h"
-#include "scatter.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
@@ -47,24 +44,9 @@ MJFRAMES_INLINE void RespondOf(Law law, const LawParameters* material, const dou
   }
 }
 
-#ifdef MJFRAMES_TARGET
-MJFRAMES_TARGET("arch=x86-64-v4")
 void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
                   double* hessian) {
-  RespondOf<WideLanes>(law, material, volume, gradient, stress, hessian);
-}
-
-MJFRAMES_TARGET("arch=x86-64-v3")
-void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
-                  double* hessian) {
-  RespondOf<Lanes>(law, material, volume, gradient, stress, hessian);
-}
-
-MJFRAMES_TARGET("default")
-#endif
-void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
-                  double* hessian) {
-  RespondOf<Lanes>(law, material, volume, gradient, stress, hessian);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { RespondOf<V>(law, material, volume, gradient, stress, hessian); });
 }
 
 // Entry of point n in arrays of eight points side by side.
@@ -162,21 +144,8 @@ MJFRAMES_INLINE void AddBlocksOf(const QuadratureRegion& region, int first, Quad
   }
 }
 
-#ifdef MJFRAMES_TARGET
-MJFRAMES_TARGET("arch=x86-64-v4")
 void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  AddBlocksOf<WideLanes>(region, first, scratch, stiffness);
-}
-
-MJFRAMES_TARGET("arch=x86-64-v3")
-void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
-}
-
-MJFRAMES_TARGET("default")
-#endif
-void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBlocksOf<V>(region, first, scratch, stiffness); });
 }
 
 void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {

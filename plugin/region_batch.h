@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "corotational.h"
-#include "lanes.h"
 #include "linear.h"
+#include "simd.h"
 
 namespace mjframes {
 

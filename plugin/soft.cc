@@ -6,10 +6,10 @@
 #include <cstring>
 #include <string>
 
-#include "multiversion.h"
 #include "options.h"
 #include "patch_field.h"
 #include "reader.h"
+#include "simd.h"
 #include "touch.h"
 
 namespace mjframes {
