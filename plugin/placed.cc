@@ -8,29 +8,30 @@ namespace mjframes {
 namespace {
 
 // The one of n points, given by component, that is nearest to p.
-MJFRAMES_MULTIVERSION
 int Nearest(const double* points, int n, const Vec3& p) {
-  Lanes least = Fill(mjMAXVAL), first = Fill(0);  // squares, and the number of the first of four
-  int s = 0;
-  for (; s + kLanes <= n; s += kLanes) {
-    const Lanes x = Load(points + s) - p[0], y = Load(points + n + s) - p[1], z = Load(points + 2 * n + s) - p[2];
-    const Lanes square = x * x + y * y + z * z;
-    first = square < least ? Fill(s) : first;
-    least = square < least ? square : least;
-  }
   int nearest = 0;
-  double best = mjMAXVAL;
-  for (int lane = 0; lane < kLanes; lane++) {
-    if (!(least[lane] < best)) continue;
-    best = least[lane];
-    nearest = static_cast<int>(first[lane]) + lane;
-  }
-  for (; s < n; s++) {
-    const Vec3 offset = Vec3{points[s], points[n + s], points[2 * n + s]} - p;
-    if (!(Dot(offset, offset) < best)) continue;
-    best = Dot(offset, offset);
-    nearest = s;
-  }
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    Lanes least = Fill(mjMAXVAL), first = Fill(0);  // squares, and the number of the first of four
+    int s = 0;
+    for (; s + kLanes <= n; s += kLanes) {
+      const Lanes x = Load(points + s) - p[0], y = Load(points + n + s) - p[1], z = Load(points + 2 * n + s) - p[2];
+      const Lanes square = x * x + y * y + z * z;
+      first = square < least ? Fill(s) : first;
+      least = square < least ? square : least;
+    }
+    double best = mjMAXVAL;
+    for (int lane = 0; lane < kLanes; lane++) {
+      if (!(least[lane] < best)) continue;
+      best = least[lane];
+      nearest = static_cast<int>(first[lane]) + lane;
+    }
+    for (; s < n; s++) {
+      const Vec3 offset = Vec3{points[s], points[n + s], points[2 * n + s]} - p;
+      if (!(Dot(offset, offset) < best)) continue;
+      best = Dot(offset, offset);
+      nearest = s;
+    }
+  });
   return nearest;
 }
 

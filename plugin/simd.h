@@ -8,6 +8,9 @@
 #ifndef MJFRAMES_PLUGIN_SIMD_H_
 #define MJFRAMES_PLUGIN_SIMD_H_
 
+#include <mujoco/mujoco.h>
+
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -18,15 +21,6 @@
 // What Dispatch runs must end up inside the functions that it has compiled for newer processors.
 #define MJFRAMES_INLINE inline __attribute__((always_inline))
 #define MJFRAMES_KERNEL __attribute__((always_inline))  // of a lambda, after its parameters
-
-// A function compiled twice, for every x86-64 processor and for those with AVX2 and FMA; the loader chooses.
-// GCC 11 knows no arch=x86-64-v3 here. Sanitizers instrument the loader's choice function before they are ready for it.
-#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(MJFRAMES_SANITIZE)
-#define MJFRAMES_MULTIVERSION __attribute__((target_clones("default", "arch=x86-64-v3")))
-#else
-#define MJFRAMES_MULTIVERSION
-#endif
 
 // Without AVX, GCC warns that functions would return Lanes in another way than with it; those that do are all inlined.
 #pragma GCC diagnostic ignored "-Wpsabi"
@@ -207,6 +201,29 @@ MJFRAMES_INLINE void Dispatch(const Kernel& kernel) {
   if (kHasAvx2) return RunWithAvx2(kernel);
 #endif
   kernel.template operator()<Lanes>();
+}
+
+// The least and the largest of n values, none of them beyond ±mjMAXVAL.
+struct Extremes {
+  double least, largest;
+};
+
+inline Extremes ExtremesOf(const double* value, int n) {
+  Extremes of = {mjMAXVAL, -mjMAXVAL};
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    V low = Fill<V>(of.least), high = Fill<V>(of.largest);
+    int i = 0;
+    for (; i + kWidth<V> <= n; i += kWidth<V>) {
+      const V some = Load<V>(value + i);
+      low = some < low ? some : low;
+      high = some > high ? some : high;
+    }
+    for (int lane = 0; lane < kWidth<V>; lane++) {
+      of = {std::min(of.least, low[lane]), std::max(of.largest, high[lane])};
+    }
+    for (; i < n; i++) of = {std::min(of.least, value[i]), std::max(of.largest, value[i])};
+  });
+  return of;
 }
 
 }  // namespace mjframes

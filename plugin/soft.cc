@@ -9,7 +9,6 @@
 #include "options.h"
 #include "patch_field.h"
 #include "reader.h"
-#include "simd.h"
 #include "touch.h"
 
 namespace mjframes {
@@ -81,7 +80,6 @@ std::vector<bool> ChangedTrees(const mjModel* m, int slot) {
 }
 
 // force −= K u, K by pairs of points. Neighbours among the pairs share their first point.
-MJFRAMES_MULTIVERSION
 void SubtractProduct(const std::vector<PointPair>& pairs, const double* __restrict K, const Vec3* __restrict u,
                      Vec3* __restrict force) {
   int at = 0;
