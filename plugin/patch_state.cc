@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "kinematics.h"
 #include "simd.h"
-#include "soft.h"
 
 namespace mjframes {
 namespace {
@@ -63,9 +63,9 @@ void CopyShares(const Touch* touch, int count, const double* from, double* to) {
 
 }  // namespace
 
-PatchState::PatchState(const SoftBody& body, int patch)
-    : body_(body), patch_(body.patches()[patch]), number_(patch), axes_(kIdentity) {
-  const std::vector<uint8_t>& holds = body.volumes()[patch].holds;
+PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch)
+    : contact_(contact), kinematics_(kinematics), patch_(contact.patches[patch]), axes_(kIdentity) {
+  const std::vector<uint8_t>& holds = patch_.volume.holds;
   for (size_t j = 0; j < holds.size(); j++) {
     if (holds[j]) point_.push_back(static_cast<int32_t>(j));
   }
@@ -73,7 +73,7 @@ PatchState::PatchState(const SoftBody& body, int patch)
     if (holds.empty() || !holds[j]) point_.push_back(j);
   }
   constexpr double kNowhere = std::numeric_limits<double>::quiet_NaN();  // equal to nothing
-  x_.assign(body.kinematics().points().size(), {kNowhere, kNowhere, kNowhere});
+  x_.assign(kinematics.points().size(), {kNowhere, kNowhere, kNowhere});
   vertices_.resize(3 * static_cast<size_t>(patch_.vertices));
   for (Kept& kept : touches_) kept.share.resize(patch_.vertices);
 }
@@ -81,12 +81,12 @@ PatchState::PatchState(const SoftBody& body, int patch)
 void PatchState::Update(const mjData* d) {
   bool same = true;
   for (const int32_t j : point_) {
-    const Vec3 x = body_.kinematics().WorldPosition(d, j);
+    const Vec3 x = kinematics_.WorldPosition(d, j);
     same = same && x == x_[j];
     x_[j] = x;
   }
   if (!patch_.offset.empty()) {
-    const Mat3 axes = body_.kinematics().Axes(d);
+    const Mat3 axes = kinematics_.Axes(d);
     same = same && axes == axes_;
     axes_ = axes;
   }
@@ -96,7 +96,7 @@ void PatchState::Update(const mjData* d) {
 }
 
 const PatchPose& PatchState::Pose() {
-  if (!posed_ && body_.has_volume()) pose_ = body_.volumes()[number_].Pose(body_.lattice(), x_.data());
+  if (!posed_ && contact_.has_volume) pose_ = patch_.volume.Pose(contact_.lattice, x_.data());
   posed_ = true;
   return pose_;
 }

@@ -2,7 +2,7 @@
 
 #include "lattice.h"
 #include "simd.h"
-#include "soft.h"
+#include "soft_contact.h"
 
 namespace mjframes {
 namespace {
@@ -41,7 +41,7 @@ int Placed::NearestVertex(const Vec3& p) const { return Nearest(state->Vertices(
 
 bool Placed::Above(const Vec3& p, double height) const {
   if (pose.error > kTrusted) return false;
-  const Lattice& lattice = deformed.body().lattice();
+  const Lattice& lattice = deformed.contact().lattice;
   int nodes[8];
   Vec3 fraction, gradient;
   if (!lattice.Cell(pose.guess + Mul(pose.slope, p - pose.box.centre), nodes, &fraction)) return false;
@@ -61,10 +61,10 @@ bool Placed::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3*
   return deformed.Distance(p, own, xi, distance, normal);
 }
 
-Placed Place(const SoftBody& body, int patch, const mjData* d, double room) {
-  PatchState* state = body.states()[patch].get();
+Placed Place(const SoftContact& contact, int patch, const mjData* d, double room) {
+  PatchState* state = contact.states()[patch].get();
   state->Update(d);
-  return {DeformedPatch(body, patch, state->positions()), state, state->Pose(), room};
+  return {DeformedPatch(contact.model(), patch, state->positions()), state, state->Pose(), room};
 }
 
 }  // namespace mjframes

@@ -19,7 +19,8 @@
 
 #include "linear.h"
 #include "quadrature.h"
-#include "soft.h"
+#include "reader.h"
+#include "soft_body.h"
 
 namespace mjframes {
 

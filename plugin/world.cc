@@ -1,0 +1,190 @@
+#include "world.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "options.h"
+#include "plugin.h"
+#include "touch.h"
+
+namespace mjframes {
+namespace {
+
+constexpr const char* kAttributes[] = {
+    "version",  //
+    "law",
+    "mode",
+    "alpha",
+    "beta",
+    "carrier_size",   // number of points that ride on each of the instance's bodies
+    "carrier_point",  // which ones, body by body    (k)
+    "point_offset",   // in the body's axes [m]      (k × 3)
+    "point_rest",     // [m]                         (k × 3)
+    "point_mass",     // [kg]                        (k)
+    "point_branch",   // of the tree                 (k)
+    "region_size",
+    "region_point",
+    "region_gradient",
+    "region_fallback",
+    "frame_size",
+    "frame_gradient",  // of each frame's own points [1/m]  (k × 3)
+    "region_stiffness",
+    "law_constants",      // of each material            (materials × 3)
+    "quadrature_count",   // of each region
+    "quadrature_volume",  // [m³]
+    "quadrature_material",
+    "quadrature_gradient",  // ∇W_j, point by point [1/m]
+    "cell_count",           // of each region
+    "cell_volume",          // [m³]
+    "cell_material",
+    "cell_slope",   // E_q, cell by cell [1/m]
+    "region_mass",  // consistent minus lumped mass, lower triangles [kg]
+    "region_enlargement",
+    "contact_radius",  // [m]
+    "patch_size",
+    "patch_clusters",
+    "patch_cluster_size",
+    "patch_point",
+    "patch_weight",
+    "patch_offset",     // s − Σ_j W_j(s) x̄_j [m]; left out where it is zero
+    "lattice_spacing",  // [m]
+    "lattice_axes",
+    "lattice_origin",
+    "lattice_shape",
+    "lattice_node",
+    "lattice_distance",
+    "lattice_patch",
+    "lattice_count",
+    "lattice_point",
+    "lattice_weight",
+    "lattice_sphere",
+    "asset",  // which built body it is: views of material points ask for its voxels
+};
+
+int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
+
+// Whether no instance before this one is a soft body's. plugin: the slot of each.
+bool IsFirst(const int* plugin, int instance) {
+  return std::find(plugin, plugin + instance, g_slot) == plugin + instance;
+}
+
+}  // namespace
+
+std::unique_ptr<World> World::Create(const mjModel* m) {
+  std::vector<std::unique_ptr<SoftBody>> bodies;
+  for (int instance = 0; instance < m->nplugin; instance++) {
+    if (!IsSoftBody(m, instance)) continue;
+    bodies.push_back(SoftBody::Create(m, instance));
+    if (!bodies.back()) return nullptr;
+  }
+  return std::unique_ptr<World>(new World(m, std::move(bodies)));
+}
+
+World::World(const mjModel* m, std::vector<std::unique_ptr<SoftBody>> bodies)
+    : bodies_(std::move(bodies)), of_instance_(m->nplugin), factor_(m, ChangedTrees(m)), rows_(m) {
+  for (const std::unique_ptr<SoftBody>& body : bodies_) {
+    const SoftModel& model = body->model();
+    of_instance_[body->instance()] = body.get();
+    adds_ = adds_ || (model.changes_inertia && !model.kinematics.replaces());
+    touches_ = touches_ || !model.contact.patches.empty();
+  }
+}
+
+// The kinematic trees whose inertia the soft bodies change.
+std::vector<bool> World::ChangedTrees(const mjModel* m) const {
+  std::vector<bool> changed(m->ntree, false);
+  for (const std::unique_ptr<SoftBody>& soft : bodies_) {
+    for (int body = 1; soft->model().changes_inertia && body < m->nbody; body++) {
+      const int tree = m->body_treeid[body];
+      if (m->body_plugin[body] == soft->instance() && tree >= 0) changed[tree] = true;
+    }
+  }
+  return changed;
+}
+
+void World::Step(const mjModel* m, mjData* d) {
+  const double h = m->opt.timestep;
+  const auto awake = [&](const SoftBody& body) { return !body.kinematics().Asleep(m, d); };
+
+  // forces: qfrc_passive += Jᵀ (f − (h + β) K v − α M v − D dJ/dt qvel)
+  for (const std::unique_ptr<SoftBody>& body : bodies_) {
+    if (!awake(*body)) continue;
+    body->Locate(m, d);
+    body->AddElasticity(d);
+    body->AddDamping(h);
+    body->AddMassBias(m, d);
+    body->StoreForce(d);
+  }
+
+  // inertia: d->M += Jᵀ ((h² + h β) K + h α M + D) J. The step may be called again on the same position: what is added
+  // to starts from the rigid inertia each time.
+  if (adds_) mj_makeM(m, d);
+  for (const std::unique_ptr<SoftBody>& body : bodies_) {
+    if (body->model().changes_inertia && awake(*body)) body->StoreInertia(m, d);
+  }
+
+  // factor: d->M = Lᵀ D L
+  factor_.Factor(m, d);
+
+  // rows: of each contact tᵀ Σ_j ω_j J_j, and the impedance of all for the inertia as it is now
+  WriteConstraintRows(m, d, bodies_, &rows_);
+}
+
+void World::CheckOptions(const mjModel* m) {
+  for (const std::unique_ptr<SoftBody>& body : bodies_) {
+    const SoftModel& model = body->model();
+    const char* wrong = told_ ? nullptr : WrongOption(m, model.implicit, model.changes_inertia);
+    if (!wrong) continue;
+    mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[body->instance()], wrong);
+    told_ = true;
+  }
+  if (touches_ && m->opt.sdf_initpoints < kMaxTouches && !told_few_) {
+    mju_warning(
+        "mjframes: option sdf_initpoints is %d, and MuJoCo gives a patch of a soft body no more contacts with a "
+        "geom: leave it at 40, or at %d at least.",
+        m->opt.sdf_initpoints, kMaxTouches);
+    told_few_ = true;
+  }
+}
+
+bool IsSoftBody(const mjModel* m, int instance) { return instance >= 0 && m->plugin[instance] == g_slot; }
+
+SoftBody* GetSoftBody(const mjData* d, int instance) {
+  return instance >= 0 && d->plugin[instance] == g_slot ? DataOf<World>(d, instance)->Body(instance) : nullptr;
+}
+
+int SoftBodyHeldBy(const mjModel* m, int holder) {
+  for (int body = holder + 1; body < m->nbody; body++) {
+    const int instance = m->body_plugin[body];
+    if (m->body_parentid[body] == holder && m->body_jntnum[body] > 0 && IsSoftBody(m, instance)) {
+      return instance;
+    }
+  }
+  return -1;
+}
+
+// The first instance of an mjData owns its world, which the others point to.
+void RegisterWorld() {
+  mjpPlugin plugin = StatelessPlugin(kPluginName, mjPLUGIN_PASSIVE);
+  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
+  plugin.attributes = kAttributes;
+  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
+    const auto first = static_cast<int>(std::find(m->plugin, m->plugin + instance, g_slot) - m->plugin);
+    World* world = first == instance ? World::Create(m).release() : DataOf<World>(d, first);
+    SetData(d, instance, world);
+    return world ? 0 : -1;
+  };
+  plugin.destroy = +[](mjData* d, int instance) {
+    if (IsFirst(d->plugin, instance)) delete DataOf<World>(d, instance);
+    SetData<World>(d, instance, nullptr);
+  };
+  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int) {
+    if (IsFirst(m->plugin, instance)) DataOf<World>(d, instance)->Step(m, d);
+  };
+  plugin.advance = +[](const mjModel* m, mjData* d, int instance) {
+    if (IsFirst(m->plugin, instance)) DataOf<World>(d, instance)->CheckOptions(m);
+  };
+  g_slot = mjp_registerPlugin(&plugin);
+}
+
+}  // namespace mjframes
