@@ -10,7 +10,6 @@
 #include "kinematics.h"
 #include "linear.h"
 #include "quadrature.h"
-#include "region_batch.h"
 
 namespace mjframes {
 

@@ -17,9 +17,9 @@
 #include <memory>
 #include <vector>
 
+#include "attributes.h"
 #include "linear.h"
 #include "quadrature.h"
-#include "reader.h"
 #include "soft_body.h"
 
 namespace mjframes {

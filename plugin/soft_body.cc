@@ -2,64 +2,23 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <utility>
 
-#include "options.h"
+#include "attributes.h"
 #include "parse.h"
-#include "reader.h"
+#include "requirements.h"
 
 namespace mjframes {
 namespace {
 
 constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
 
-bool CanCollide(const mjModel* m, int a, int b) {
-  return (m->geom_contype[a] & m->geom_conaffinity[b]) || (m->geom_contype[b] & m->geom_conaffinity[a]);
-}
-
-// MuJoCo 4.0.0 lets height fields have no contact with any SDF geom.
-void CheckHeightFields(const mjModel* m, int patch, Reader* reader) {
-  for (int geom = 0; geom < m->ngeom; geom++) {
-    if (m->geom_type[geom] != mjGEOM_HFIELD || !CanCollide(m, geom, patch)) continue;
-    if (mj_maxContact(m, geom, patch, -1) > 0) return;
-    reader->Fail(std::string("this MuJoCo (") + mj_versionString() +
-                 ") gives soft bodies no contact with height field '" + (m->names + m->name_geomadr[geom]) +
-                 "': make it a mesh, use MuJoCo 3.17.0, or set its contype and conaffinity so that they do not meet");
-    return;
-  }
-}
-
-// MuJoCo collides flexes of triangles with SDF geoms, and no others.
-void CheckFlexes(const mjModel* m, int patch, Reader* reader) {
-  for (int flex = 0; flex < m->nflex; flex++) {
-    const bool collides =
-        (m->flex_contype[flex] & m->geom_conaffinity[patch]) || (m->geom_contype[patch] & m->flex_conaffinity[flex]);
-    if (!collides || m->flex_dim[flex] == 2) continue;
-    reader->Fail(std::string("MuJoCo gives soft bodies contact with flexes of dim 2 only, not with '") +
-                 (m->names + m->name_flexadr[flex]) + "': set its contype and conaffinity so that they do not meet");
-    return;
-  }
-}
-
-// What of the scene the body cannot work with.
-void CheckScene(const mjModel* m, const SoftModel& model, Reader* reader) {
-  if (const char* wrong = WrongOption(m, model.implicit, model.changes_inertia)) reader->Fail(wrong);
-  reader->Check(
-      !(m->opt.enableflags & mjENBL_SLEEP) || !model.kinematics.MissesWaking(m),
-      "it is attached to bodies of several kinematic trees, or to a mocap body, and MuJoCo would not wake one "
-      "with the other: give the root body of each tree sleep=\"never\", or disable sleep");
-  if (model.contact.patches.empty()) return;
-  CheckHeightFields(m, model.contact.patches.front().geom, reader);
-  CheckFlexes(m, model.contact.patches.front().geom, reader);
-}
-
 }  // namespace
 
 std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   Reader reader(m, instance);
   std::shared_ptr<const SoftModel> model = FindModel(m, instance, &reader);
-  if (model) CheckScene(m, *model, &reader);
+  if (model) CheckRequirements(m, *model, &reader);
   if (reader.ok()) return std::unique_ptr<SoftBody>(new SoftBody(m, instance, std::move(model)));
   mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());
   return nullptr;

@@ -8,7 +8,7 @@
 #include "distance.h"
 #include "patch_state.h"
 #include "placed.h"
-#include "pressure.h"
+#include "simd.h"
 #include "soft_body.h"
 
 namespace mjframes {
@@ -41,6 +41,43 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
   for (size_t a = 0; a < patch.point.size(); a++) {
     weight[patch.point[a]] += scale * patch.weight[a * patch.vertices + s];
   }
+}
+
+// Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
+// those that are `reach` above the deepest have none. Returns the distance of the pressure centre; mjMAXVAL and no
+// shares if nothing is near.
+double ShareOut(double* distance, int begin, int end, double reach) {
+  const double deepest = ExtremesOf(distance + begin, end - begin).least;
+  if (deepest == mjMAXVAL) {
+    std::fill(distance + begin, distance + end, 0.0);
+    return mjMAXVAL;
+  }
+  double total = 0, mean = 0;
+  for (int s = begin; s < end; s++) {
+    const double height = distance[s] - deepest;
+    if (!(height < reach)) {
+      distance[s] = 0;
+      continue;
+    }
+    const double share = 1 - height / reach;
+    mean += share * share * distance[s];
+    distance[s] = share * share;
+    total += distance[s];
+  }
+  for (int s = begin; s < end; s++) {
+    if (distance[s] > 0) distance[s] /= total;
+  }
+  return mean / total;
+}
+
+// Makes a direction and a place of the sums over what touches, balls of this radius. False where opposite normals
+// cancel, as where a thin geom is between the vertices: no direction, no contact.
+bool Settle(double radius, Touch* touch) {
+  const double length = Norm(touch->normal);
+  if (!(length > mjMINVAL)) return false;
+  touch->normal = (1 / length) * touch->normal;
+  touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
+  return true;
 }
 
 // Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
@@ -77,12 +114,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       touch.position = touch.position + share[s] * p;
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
-    const double length = Norm(touch.normal);
-    if (!(length > mjMINVAL)) continue;
-    touch.normal = (1 / length) * touch.normal;
-    touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
-    if (other.bounded() && PushesOut(soft, touch, share)) continue;
+    if (!Settle(radius, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
     out[count++] = touch;
   }
   return count;
@@ -150,11 +182,7 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
       touch.normal = touch.normal + share[i] * near[i].normal;
       touch.xi = touch.xi + share[i] * near[i].xi;
     }
-    const double length = Norm(touch.normal);
-    if (!(length > mjMINVAL)) continue;
-    touch.normal = (1 / length) * touch.normal;
-    touch.position = touch.position - (features.radius + 0.5 * distance) * touch.normal;
-    out[count++] = touch;
+    if (Settle(features.radius, &touch)) out[count++] = touch;
   }
   return count;
 }
@@ -181,12 +209,7 @@ int VertexTouches(const Placed& mine, const Placed& other, int side, double marg
         touch.position = touch.position + share[s] * Vertex(vertices, patch.vertices, s);
         touch.normal = touch.normal + share[s] * normals[s];
       }
-      const double length = Norm(touch.normal);
-      if (length > mjMINVAL) {
-        touch.normal = (1 / length) * touch.normal;
-        touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
-        out[count++] = touch;
-      }
+      if (Settle(radius, &touch)) out[count++] = touch;
     }
     begin = end;
   }

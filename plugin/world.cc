@@ -3,63 +3,13 @@
 #include <algorithm>
 #include <utility>
 
-#include "options.h"
+#include "parse.h"
 #include "plugin.h"
+#include "requirements.h"
 #include "touch.h"
 
 namespace mjframes {
 namespace {
-
-constexpr const char* kAttributes[] = {
-    "version",  //
-    "law",
-    "mode",
-    "alpha",
-    "beta",
-    "carrier_size",   // number of points that ride on each of the instance's bodies
-    "carrier_point",  // which ones, body by body    (k)
-    "point_offset",   // in the body's axes [m]      (k × 3)
-    "point_rest",     // [m]                         (k × 3)
-    "point_mass",     // [kg]                        (k)
-    "point_branch",   // of the tree                 (k)
-    "region_size",
-    "region_point",
-    "region_gradient",
-    "region_fallback",
-    "frame_size",
-    "frame_gradient",  // of each frame's own points [1/m]  (k × 3)
-    "region_stiffness",
-    "law_constants",      // of each material            (materials × 3)
-    "quadrature_count",   // of each region
-    "quadrature_volume",  // [m³]
-    "quadrature_material",
-    "quadrature_gradient",  // ∇W_j, point by point [1/m]
-    "cell_count",           // of each region
-    "cell_volume",          // [m³]
-    "cell_material",
-    "cell_slope",   // E_q, cell by cell [1/m]
-    "region_mass",  // consistent minus lumped mass, lower triangles [kg]
-    "region_enlargement",
-    "contact_radius",  // [m]
-    "patch_size",
-    "patch_clusters",
-    "patch_cluster_size",
-    "patch_point",
-    "patch_weight",
-    "patch_offset",     // s − Σ_j W_j(s) x̄_j [m]; left out where it is zero
-    "lattice_spacing",  // [m]
-    "lattice_axes",
-    "lattice_origin",
-    "lattice_shape",
-    "lattice_node",
-    "lattice_distance",
-    "lattice_patch",
-    "lattice_count",
-    "lattice_point",
-    "lattice_weight",
-    "lattice_sphere",
-    "asset",  // which built body it is: views of material points ask for its voxels
-};
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
 
@@ -166,8 +116,8 @@ int SoftBodyHeldBy(const mjModel* m, int holder) {
 // The first instance of an mjData owns its world, which the others point to.
 void RegisterWorld() {
   mjpPlugin plugin = StatelessPlugin(kPluginName, mjPLUGIN_PASSIVE);
-  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
-  plugin.attributes = kAttributes;
+  plugin.nattribute = sizeof(kSoftAttributes) / sizeof(kSoftAttributes[0]);
+  plugin.attributes = kSoftAttributes;
   plugin.init = +[](const mjModel* m, mjData* d, int instance) {
     const auto first = static_cast<int>(std::find(m->plugin, m->plugin + instance, g_slot) - m->plugin);
     World* world = first == instance ? World::Create(m).release() : DataOf<World>(d, first);

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "corotational.h"
 #include "hessian.h"
-#include "region_batch.h"
 #include "rotation.h"
 #include "simd.h"
 
