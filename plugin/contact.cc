@@ -6,8 +6,8 @@
 
 #include "linear.h"
 #include "patch_field.h"
-#include "soft.h"
 #include "touch.h"
+#include "world.h"
 
 namespace mjframes {
 namespace {
@@ -19,8 +19,8 @@ std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  //
 
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
   if (geom < 0) return {};  // a flex
-  const SoftBody* body = GetSoftBody(m, d, SoftInstanceOf(m, geom));
-  return {body, body ? body->FindPatch(geom) : -1};
+  const SoftBody* body = GetSoftBody(d, SoftInstanceOf(m, geom));
+  return {body, body ? body->contact().FindPatch(geom) : -1};
 }
 
 int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
@@ -209,12 +209,12 @@ void InstallCollisionHook() {
   }
 }
 
-void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
+void WriteConstraintRows(const mjModel* m, mjData* d, const std::vector<std::unique_ptr<SoftBody>>& bodies,
+                         ContactScratch* scratch) {
   Impedance& impedance = scratch->impedance;
   impedance.Start(m, d);
-  for (int instance = 0; instance < m->nplugin; instance++) {
-    const SoftBody* body = GetSoftBody(m, d, instance);
-    if (body && body->changes_inertia()) impedance.Mark(body->kinematics());
+  for (const std::unique_ptr<SoftBody>& body : bodies) {
+    if (body->model().changes_inertia) impedance.Mark(body->kinematics());
   }
   impedance.ScaleOthers(m, d);
   TouchScratch touch;

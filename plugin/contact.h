@@ -12,7 +12,7 @@
 #include <mujoco/mujoco.h>
 
 #include <array>
-#include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "impedance.h"
@@ -22,22 +22,6 @@
 namespace mjframes {
 
 class SoftBody;
-
-// The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
-struct Patch {
-  int geom;
-  int vertices;                  // number of vertices n, cluster after cluster
-  std::vector<int32_t> cluster;  // number of vertices of each cluster          (≤ kMaxClusters)
-  std::vector<int32_t> point;    // control points, ancestors first             (p)
-  std::vector<double> weight;    // W_j(s), one row of n a point                (p × n)
-  std::vector<double> offset;    // s − Σ_j W_j(s) x̄_j [m], by component; empty where the frames give none (3 × n)
-};
-
-// The collision hook has only the thread's stack to work on.
-inline constexpr int kMaxPatchVertices = 1024;
-
-// A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
-inline constexpr int kMaxClusters = 4;
 
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
@@ -52,7 +36,8 @@ void InstallCollisionHook();
 
 // Writes the rows of every contact of every soft body, and the impedance of all constraint rows that soft bodies'
 // degrees of freedom are in, for the effective inertia, which has to be complete and factored.
-void WriteConstraintRows(const mjModel* m, mjData* d, ContactScratch* scratch);
+void WriteConstraintRows(const mjModel* m, mjData* d, const std::vector<std::unique_ptr<SoftBody>>& bodies,
+                         ContactScratch* scratch);
 
 }  // namespace mjframes
 

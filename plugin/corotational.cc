@@ -32,6 +32,68 @@ double Trust(const Region& region, const Vec3* x, const Mat3& back, const Mat3& 
   return TrustOf(least);
 }
 
+RegionBatch BatchOf(const std::vector<const Region*>& regions) {
+  RegionBatch batch;
+  const int m = batch.size = regions.front()->size();
+  const size_t blocks = static_cast<size_t>(m) * (m + 1) / 2;
+  batch.point.assign(kWideLanes * static_cast<size_t>(m), 0);
+  batch.present.assign(kWideLanes * static_cast<size_t>(m), 0);
+  batch.shows = batch.present;
+  batch.rest.assign(kWideLanes * 3 * static_cast<size_t>(m), 0);
+  batch.gradient = batch.rest;
+  if (std::any_of(regions.begin(), regions.end(), [](const Region* region) { return !region->fallback.empty(); })) {
+    batch.fallback = batch.own = batch.rest;
+    batch.ends = batch.present;
+  }
+  batch.stiffness.assign(kWideLanes * 9 * blocks, 0);
+  batch.pair.assign(kWideLanes * blocks, -1);
+  batch.law = regions.front()->law;
+  batch.cells = 0;
+  for (const Region* region : regions) batch.cells = std::max(batch.cells, static_cast<int>(region->cells.size()));
+  batch.volume.assign(kWideLanes * static_cast<size_t>(batch.cells), 0);
+  batch.material.assign(batch.volume.size(), LawParameters{});
+  batch.slope.assign(27 * static_cast<size_t>(m) * batch.volume.size(), 0);
+  for (int lane = 0; lane < kWideLanes; lane++) {
+    // lanes without a region have the first one's shape, without its stiffness
+    const bool filled = lane < static_cast<int>(regions.size());
+    const Region& region = *regions[filled ? lane : 0];
+    batch.inverse_size[lane] = 1.0 / region.size();
+    batch.enlargement[lane] = region.enlargement;
+    batch.falls_back[lane] = !region.fallback.empty();
+    for (int j = 0, block = 0; j < region.size(); j++) {
+      batch.point[kWideLanes * j + lane] = region.point[j];
+      batch.present[kWideLanes * j + lane] = 1;
+      batch.shows[kWideLanes * j + lane] = j < region.shows;
+      for (int r = 0; r < 3; r++) {
+        batch.rest[kWideLanes * (3 * j + r) + lane] = region.rest[j][r];
+        batch.gradient[kWideLanes * (3 * j + r) + lane] = region.gradient[j][r];
+      }
+      for (int r = 0; r < 3 && !region.fallback.empty(); r++) {
+        batch.fallback[kWideLanes * (3 * j + r) + lane] = region.fallback[j][r];
+        batch.own[kWideLanes * (3 * j + r) + lane] = region.own[j][r];
+      }
+      for (int k = 0; filled && k <= j; k++, block++) {
+        batch.pair[kWideLanes * block + lane] = region.pair[block];
+        for (int e = 0; e < 9; e++) {
+          batch.stiffness[kWideLanes * (9 * static_cast<size_t>(block) + e) + lane] =
+              region.stiffness[(3 * j + e / 3) * 3 * static_cast<size_t>(region.size()) + 3 * k + e % 3];
+        }
+      }
+    }
+    for (size_t q = 0; filled && q < region.cells.size(); q++) {
+      const Cell& cell = region.cells[q];
+      batch.volume[kWideLanes * q + lane] = cell.volume;
+      batch.material[kWideLanes * q + lane] = cell.material;
+      for (int j = 0; j < region.size(); j++) {
+        double* slope = batch.slope.data() + kWideLanes * 27 * (q * m + j) + lane;
+        for (int e = 0; e < 27; e++) slope[kWideLanes * e] = cell.slope[3 * (e / 3 * region.size() + j) + e % 3];
+      }
+    }
+    for (const int32_t end : region.frame_end) batch.ends[kWideLanes * (end - 1) + lane] = 1;
+  }
+  return batch;
+}
+
 }  // namespace
 
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
@@ -76,6 +138,34 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R) {
     energy += cell.volume * EnergyDensity(region.law, cell.material, is.i1, is.i2, is.j);
   }
   return energy;
+}
+
+BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
+  size_t points = 0;
+  for (const RegionBatch& batch : batches) {
+    points = std::max(points, static_cast<size_t>(batch.size));
+    share.resize(std::max(share.size(), batch.slope.size()));
+  }
+  const size_t lanes = kWideLanes * points;
+  z.resize(3 * lanes);
+  gradient.resize(3 * lanes);
+  h.resize(3 * lanes);
+  product.resize(12 * lanes);
+  g.resize(9 * lanes);
+}
+
+std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions) {
+  std::vector<const Region*> order;
+  for (const Region& region : regions) order.push_back(&region);
+  std::stable_sort(order.begin(), order.end(), [](const Region* a, const Region* b) {
+    return a->size() != b->size() ? a->size() > b->size() : a->point < b->point;
+  });
+  std::vector<RegionBatch> batches;
+  for (size_t e = 0; e < order.size(); e += kWideLanes) {
+    const size_t end = std::min(e + kWideLanes, order.size());
+    batches.push_back(BatchOf({order.begin() + e, order.begin() + end}));
+  }
+  return batches;
 }
 
 }  // namespace mjframes

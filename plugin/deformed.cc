@@ -4,8 +4,6 @@
 #include <array>
 #include <cmath>
 
-#include "soft.h"
-
 namespace mjframes {
 namespace {
 
@@ -43,10 +41,8 @@ Vec3 Interpolate(const Vec3* x, const Vec3& f, Mat3* F) {
 
 }  // namespace
 
-DeformedPatch::DeformedPatch(const SoftBody& body, int patch, const Vec3* x)
-    : body_(body), x_(x), lattice_(body.lattice()), volume_(body.volumes()[patch]), patch_(patch) {}
-
-const Patch& DeformedPatch::patch() const { return body_.patches()[patch_]; }
+DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3* x)
+    : contact_(contact), x_(x), lattice_(contact.lattice), volume_(contact.patches[patch].volume), patch_(patch) {}
 
 Vec3 DeformedPatch::VertexPoint(int s) const {
   const double* xi = lattice_.vertex.data() + 3 * (volume_.first_vertex + s);

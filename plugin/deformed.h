@@ -8,17 +8,14 @@
 
 #include "lattice.h"
 #include "linear.h"
-#include "patch_volume.h"
+#include "patch.h"
 
 namespace mjframes {
-
-class SoftBody;
-struct Patch;
 
 class DeformedPatch {
  public:
   // x: where the control points are in the world, by control point [m]; those that the patch's rows hold.
-  DeformedPatch(const SoftBody& body, int patch, const Vec3* x);
+  DeformedPatch(const ContactModel& contact, int patch, const Vec3* x);
 
   bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
 
@@ -45,8 +42,8 @@ class DeformedPatch {
   // The material point ξ of vertex s of the patch.
   Vec3 VertexPoint(int s) const;
 
-  const SoftBody& body() const { return body_; }
-  const Patch& patch() const;
+  const ContactModel& contact() const { return contact_; }
+  const Patch& patch() const { return contact_.patches[patch_]; }
 
  private:
   struct Cell {
@@ -61,7 +58,7 @@ class DeformedPatch {
   bool Nearest(const int* nodes, const Vec3& fraction) const;
   bool Deform(const int* nodes, Cell* cell) const;  // if it is another than before
 
-  const SoftBody& body_;
+  const ContactModel& contact_;
   const Vec3* x_;
   const Lattice& lattice_;
   const PatchVolume& volume_;

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "height_field.h"
-#include "multiversion.h"
 
 namespace mjframes {
 namespace {
@@ -86,7 +85,6 @@ double Ellipsoid(const Vec3& p, const Vec3& radius, Vec3* normal) {
   return (level < 0 ? -1 : 1) * Norm(p - closest);
 }
 
-MJFRAMES_MULTIVERSION
 void PlaneDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes, int begin, int end,
                     double* __restrict out) {
   for (int s = begin; s < end; s++) {
@@ -96,7 +94,6 @@ void PlaneDistances(const double* __restrict p, int n, const Vec3& position, con
 }
 
 // As Box, without normals.
-MJFRAMES_MULTIVERSION
 void BoxDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes, const Vec3& half,
                   int begin, int end, double* __restrict out) {
   for (int s = begin; s < end; s++) {

@@ -10,7 +10,7 @@
 
 #include "geom_features.h"
 #include "linear.h"
-#include "patch_volume.h"
+#include "patch.h"
 
 namespace mjframes {
 

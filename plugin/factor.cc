@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 
-#include "lanes.h"
-#include "multiversion.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
@@ -60,21 +59,8 @@ MJFRAMES_INLINE void EliminateOf(double* const* U, int size, double* const* row,
   for (; a < above; a++) UpdateRows<1, V>(row + a, scaled + a, above, U, size, a + 1);
 }
 
-#ifdef MJFRAMES_TARGET
-MJFRAMES_TARGET("arch=x86-64-v4")
 void Eliminate(double* const* U, int size, double* const* row, int above, double* scaled, double* inverse) {
-  EliminateOf<WideLanes>(U, size, row, above, scaled, inverse);
-}
-
-MJFRAMES_TARGET("arch=x86-64-v3")
-void Eliminate(double* const* U, int size, double* const* row, int above, double* scaled, double* inverse) {
-  EliminateOf<Lanes>(U, size, row, above, scaled, inverse);
-}
-
-MJFRAMES_TARGET("default")
-#endif
-void Eliminate(double* const* U, int size, double* const* row, int above, double* scaled, double* inverse) {
-  EliminateOf<Lanes>(U, size, row, above, scaled, inverse);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { EliminateOf<V>(U, size, row, above, scaled, inverse); });
 }
 
 }  // namespace

@@ -13,7 +13,7 @@
 
 #include "hull.h"
 #include "linear.h"
-#include "patch_volume.h"
+#include "patch.h"
 
 namespace mjframes {
 

@@ -20,7 +20,8 @@
 #ifndef MJFRAMES_PLUGIN_HESSIAN_H_
 #define MJFRAMES_PLUGIN_HESSIAN_H_
 
-#include "lanes.h"
+#include "laws/laws.h"
+#include "simd.h"
 #include "svd.h"
 
 namespace mjframes {
@@ -59,6 +60,22 @@ MJFRAMES_INLINE Invariants<T> InvariantsOf(const T* F) {
   is.i2 = square;
   is.j = F[0] * is.cofactor[0] + F[1] * is.cofactor[1] + F[2] * is.cofactor[2];
   return is;
+}
+
+// material: of each lane.
+template <typename V>
+MJFRAMES_INLINE Slopes<V> SlopesOf(Law law, const LawParameters* material, const Invariants<V>& is) {
+  Slopes<V> of;
+  for (int lane = 0; lane < kWidth<V>; lane++) {
+    const LawParameters& p = material[lane];
+    const Stretch f = Respond(law, p, is.i1[lane]);
+    of.f1[lane] = f.slope;
+    of.f2[lane] = f.curvature;
+    of.second[lane] = p.second;
+    of.volume[lane] = p.volume;
+    of.g1[lane] = p.volume * (is.j[lane] - 1) - p.linear;
+  }
+  return of;
 }
 
 template <typename T>

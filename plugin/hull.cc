@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "multiversion.h"
 #include "triangle.h"
 
 namespace mjframes {
@@ -33,7 +32,6 @@ double Outside(const Vec3& low, const Vec3& high, const Vec3& p) {
 }
 
 // The largest of the distances n · p − offset.
-MJFRAMES_MULTIVERSION
 double Farthest(const double* nx, const double* ny, const double* nz, const double* offset, int n, const Vec3& p) {
   // eight running maxima: one alone would be a chain that the compiler must not reorder
   double largest[8];

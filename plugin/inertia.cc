@@ -19,8 +19,7 @@
 
 #include "hessian.h"
 #include "kinematics.h"
-#include "lanes.h"
-#include "multiversion.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
@@ -51,7 +50,6 @@ void StripTranslation(const Share& load, bool rows, double* total) {
 }
 
 // Σ B of the node pairs that slide, 9 a pair, and the mass at each node into `weight`.
-MJFRAMES_MULTIVERSION
 void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoint>& points, const double* stiffness,
               double scale, const double* mass, double* __restrict sums, double* __restrict weight) {
   for (size_t i = 0; i < pairs.size(); i++) {
@@ -74,7 +72,6 @@ void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoin
 }
 
 // By rows: a node's own pair becomes the sum over its subtree's square.
-MJFRAMES_MULTIVERSION
 void SumSubtrees(const std::vector<Node>& nodes, double* sums, double* weight) {
   for (size_t n = nodes.size(); n-- > 1;) {
     const Node& node = nodes[n];
@@ -92,7 +89,6 @@ void SumSubtrees(const std::vector<Node>& nodes, double* sums, double* weight) {
 }
 
 // By columns: row[depth] becomes the sum from there on.
-MJFRAMES_MULTIVERSION
 void SumPath(double* row, int depth) {
   Lanes front = Load(row + 9 * depth), back = Load(row + 9 * depth + 4);
   double last = row[9 * depth + 8];

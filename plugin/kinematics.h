@@ -21,8 +21,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "attributes.h"
 #include "linear.h"
-#include "reader.h"
 
 namespace mjframes {
 

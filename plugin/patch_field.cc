@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <mutex>
 
 #include "placed.h"
-#include "soft.h"
+#include "plugin.h"
+#include "world.h"
 
 namespace mjframes {
 namespace {
@@ -20,6 +22,8 @@ int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
 
 // What an instance stands for.
 struct PatchField {
+  static std::unique_ptr<PatchField> Create(const mjModel* m, int instance);
+
   int geom;
   int instance;  // of the soft body
 };
@@ -31,16 +35,16 @@ Vec3 Direction(const Vec3& a, const Vec3& b) {
 }
 
 double Evaluate(const mjtNum point[3], const mjData* d, int instance, mjtNum* gradient) {
-  const auto* field = reinterpret_cast<const PatchField*>(d->plugin_data[instance]);
-  const auto* body = reinterpret_cast<const SoftBody*>(d->plugin_data[field->instance]);
-  const int patch = body->FindPatch(field->geom);
+  const auto* field = DataOf<const PatchField>(d, instance);
+  const SoftContact& contact = GetSoftBody(d, field->instance)->contact();
+  const int patch = contact.FindPatch(field->geom);
   if (patch < 0) return mjMAXVAL;
   const mjtNum* origin = d->geom_xpos + 3 * field->geom;
   Mat3 axes;
   std::copy_n(d->geom_xmat + 9 * field->geom, 9, axes.begin());
   const Vec3 p = Vec3{origin[0], origin[1], origin[2]} + Mul(axes, Vec3{point[0], point[1], point[2]});
   Vec3 normal;
-  const double distance = FieldDistance(*body, patch, d, p, &normal);
+  const double distance = FieldDistance(contact, patch, d, p, &normal);
   if (gradient) {
     const Vec3 local = MulT(axes, normal);
     std::copy(local.begin(), local.end(), gradient);
@@ -48,17 +52,16 @@ double Evaluate(const mjtNum point[3], const mjData* d, int instance, mjtNum* gr
   return distance;
 }
 
-int Init(const mjModel* m, mjData* d, int instance) {
+std::unique_ptr<PatchField> PatchField::Create(const mjModel* m, int instance) {
   const auto* geom = std::find(m->geom_plugin, m->geom_plugin + m->ngeom, instance);
   const int found = static_cast<int>(geom - m->geom_plugin);
   const int owner = found < m->ngeom ? SoftInstanceOf(m, found) : -1;
   if (owner < 0 || !IsSoftBody(m, owner)) {
     mju_warning("mjframes: '%s' is an instance of %s, which goes with the patches of a soft body only: attach one.",
                 m->names + m->name_pluginadr[instance], kPatchPluginName);
-    return -1;
+    return nullptr;
   }
-  d->plugin_data[instance] = reinterpret_cast<uintptr_t>(new PatchField{found, owner});
-  return 0;
+  return std::make_unique<PatchField>(PatchField{found, owner});
 }
 
 }  // namespace
@@ -68,11 +71,11 @@ int SoftInstanceOf(const mjModel* m, int geom) {
   return instance >= 0 && m->plugin[instance] == g_slot ? m->body_plugin[m->geom_bodyid[geom]] : -1;
 }
 
-double FieldDistance(const SoftBody& body, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
-  const std::lock_guard held(body.states()[patch]->mutex);
-  const double cell = body.cell();
-  const Placed soft = Place(body, patch, d, cell);
-  const PatchVolume& volume = body.volumes()[patch];
+double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
+  const std::lock_guard held(contact.states()[patch]->mutex);
+  const double cell = contact.model().cell();
+  const Placed soft = Place(contact, patch, d, cell);
+  const PatchVolume& volume = contact.model().patches[patch].volume;
   const double cover = volume.cover * soft.pose.stretch;
   const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox();
   Vec3 nearest;  // of the box
@@ -98,17 +101,7 @@ double FieldDistance(const SoftBody& body, int patch, const mjData* d, const Vec
 }
 
 void RegisterPatchField() {
-  mjpPlugin plugin;
-  mjp_defaultPlugin(&plugin);
-  plugin.name = kPatchPluginName;
-  plugin.capabilityflags = mjPLUGIN_SDF;
-  plugin.nstate = +[](const mjModel*, int) { return 0; };
-  plugin.init = Init;
-  plugin.destroy = +[](mjData* d, int instance) {
-    delete reinterpret_cast<PatchField*>(d->plugin_data[instance]);
-    d->plugin_data[instance] = 0;
-  };
-  plugin.reset = +[](const mjModel*, mjtNum*, void*, int) {};
+  mjpPlugin plugin = PluginWith<PatchField>(kPatchPluginName, mjPLUGIN_SDF);
   plugin.compute = +[](const mjModel*, mjData*, int, int) {};
   plugin.sdf_distance =
       +[](const mjtNum point[3], const mjData* d, int instance) { return Evaluate(point, d, instance, nullptr); };

@@ -13,7 +13,7 @@
 
 namespace mjframes {
 
-class SoftBody;
+class SoftContact;
 
 inline constexpr char kPatchPluginName[] = "mjframes.patch";
 
@@ -22,7 +22,7 @@ int SoftInstanceOf(const mjModel* m, int geom);
 
 // Signed distance [m] of p (world) from the part of the body under a patch, and which way is out. Inside it is that of
 // the surface; outside it is at most that of the nearest point, and rays that go on by it come to the surface.
-double FieldDistance(const SoftBody& body, int patch, const mjData* d, const Vec3& p, Vec3* normal);
+double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal);
 
 void RegisterPatchField();
 

@@ -3,67 +3,48 @@
 #include <algorithm>
 #include <limits>
 
-#include "lanes.h"
-#include "multiversion.h"
-#include "soft.h"
+#include "kinematics.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
 
-// Blend for `Blocks` times four vertices from s on.
-template <int Blocks>
+// Blend for `Blocks` registers of vertices from s on.
+template <typename V, int Blocks>
 MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int s,
                                bool adds, double* out) {
-  Lanes sum[3][Blocks];
+  V sum[3][Blocks];
   for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) sum[c][b] = adds ? Load(out + c * n + s + kLanes * b) : Fill(0);
+    for (int b = 0; b < Blocks; b++) sum[c][b] = adds ? Load<V>(out + c * n + s + kWidth<V> * b) : V{};
   }
   for (size_t a = 0; a < points; a++) {
     const Vec3& position = x[point[a]];
     for (int c = 0; c < 3; c++) {
-      for (int b = 0; b < Blocks; b++) sum[c][b] += Load(weight + a * n + s + kLanes * b) * position[c];
+      for (int b = 0; b < Blocks; b++) sum[c][b] += Load<V>(weight + a * n + s + kWidth<V> * b) * position[c];
     }
   }
   for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) Store(sum[c][b], out + c * n + s + kLanes * b);
+    for (int b = 0; b < Blocks; b++) Store(sum[c][b], out + c * n + s + kWidth<V> * b);
   }
 }
 
 // out[c n + s] = Σ_a weight[a n + s] x[point[a]][c], or `adds` that to it
-MJFRAMES_MULTIVERSION
 void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, bool adds, double* out) {
-  constexpr int kBlocks = 3;  // their nine sums stay in registers
-  int s = 0;
-  for (; s + kBlocks * kLanes <= n; s += kBlocks * kLanes)
-    BlendSome<kBlocks>(weight, point, points, x, n, s, adds, out);
-  for (; s + kLanes <= n; s += kLanes) BlendSome<1>(weight, point, points, x, n, s, adds, out);
-  for (; s < n; s++) {
-    for (int c = 0; c < 3; c++) {
-      double sum = adds ? out[c * n + s] : 0;
-      for (size_t a = 0; a < points; a++) sum += weight[a * n + s] * x[point[a]][c];
-      out[c * n + s] = sum;
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    constexpr int kBlocks = 3;  // their nine sums stay in registers
+    int s = 0;
+    for (; s + kBlocks * kWidth<V> <= n; s += kBlocks * kWidth<V>) {
+      BlendSome<V, kBlocks>(weight, point, points, x, n, s, adds, out);
     }
-  }
-}
-
-// Half of the sum and of the difference of the largest and the least of n values.
-MJFRAMES_MULTIVERSION
-void Range(const double* value, int n, double* centre, double* half) {
-  Lanes lows = Fill(mjMAXVAL), highs = Fill(-mjMAXVAL);
-  int s = 0;
-  for (; s + kLanes <= n; s += kLanes) {
-    const Lanes some = Load(value + s);
-    lows = some < lows ? some : lows;
-    highs = some > highs ? some : highs;
-  }
-  double low = std::min({lows[0], lows[1], lows[2], lows[3]}),
-         high = std::max({highs[0], highs[1], highs[2], highs[3]});
-  for (; s < n; s++) {
-    low = std::min(low, value[s]);
-    high = std::max(high, value[s]);
-  }
-  *centre = 0.5 * (low + high);
-  *half = 0.5 * (high - low);
+    for (; s + kLanes <= n; s += kLanes) BlendSome<Lanes, 1>(weight, point, points, x, n, s, adds, out);
+    for (; s < n; s++) {
+      for (int c = 0; c < 3; c++) {
+        double sum = adds ? out[c * n + s] : 0;
+        for (size_t a = 0; a < points; a++) sum += weight[a * n + s] * x[point[a]][c];
+        out[c * n + s] = sum;
+      }
+    }
+  });
 }
 
 std::array<mjtNum, 12> PlaceOf(const mjData* d, int geom) {
@@ -82,9 +63,9 @@ void CopyShares(const Touch* touch, int count, const double* from, double* to) {
 
 }  // namespace
 
-PatchState::PatchState(const SoftBody& body, int patch)
-    : body_(body), patch_(body.patches()[patch]), number_(patch), axes_(kIdentity) {
-  const std::vector<uint8_t>& holds = body.volumes()[patch].holds;
+PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch)
+    : contact_(contact), kinematics_(kinematics), patch_(contact.patches[patch]), axes_(kIdentity) {
+  const std::vector<uint8_t>& holds = patch_.volume.holds;
   for (size_t j = 0; j < holds.size(); j++) {
     if (holds[j]) point_.push_back(static_cast<int32_t>(j));
   }
@@ -92,7 +73,7 @@ PatchState::PatchState(const SoftBody& body, int patch)
     if (holds.empty() || !holds[j]) point_.push_back(j);
   }
   constexpr double kNowhere = std::numeric_limits<double>::quiet_NaN();  // equal to nothing
-  x_.assign(body.kinematics().points().size(), {kNowhere, kNowhere, kNowhere});
+  x_.assign(kinematics.points().size(), {kNowhere, kNowhere, kNowhere});
   vertices_.resize(3 * static_cast<size_t>(patch_.vertices));
   for (Kept& kept : touches_) kept.share.resize(patch_.vertices);
 }
@@ -100,12 +81,12 @@ PatchState::PatchState(const SoftBody& body, int patch)
 void PatchState::Update(const mjData* d) {
   bool same = true;
   for (const int32_t j : point_) {
-    const Vec3 x = body_.kinematics().WorldPosition(d, j);
+    const Vec3 x = kinematics_.WorldPosition(d, j);
     same = same && x == x_[j];
     x_[j] = x;
   }
   if (!patch_.offset.empty()) {
-    const Mat3 axes = body_.kinematics().Axes(d);
+    const Mat3 axes = kinematics_.Axes(d);
     same = same && axes == axes_;
     axes_ = axes;
   }
@@ -115,7 +96,7 @@ void PatchState::Update(const mjData* d) {
 }
 
 const PatchPose& PatchState::Pose() {
-  if (!posed_ && body_.has_volume()) pose_ = body_.volumes()[number_].Pose(body_.lattice(), x_.data());
+  if (!posed_ && contact_.has_volume) pose_ = patch_.volume.Pose(contact_.lattice, x_.data());
   posed_ = true;
   return pose_;
 }
@@ -133,7 +114,11 @@ const double* PatchState::Vertices() {
     constexpr int32_t kAxes[3] = {0, 1, 2};
     Blend(patch_.offset.data(), kAxes, 3, axis, n, true, out);
   }
-  for (int c = 0; c < 3; c++) Range(out + c * n, n, &box_.centre[c], &box_.half[c]);
+  for (int c = 0; c < 3; c++) {
+    const Extremes of = ExtremesOf(out + c * n, n);
+    box_.centre[c] = 0.5 * (of.least + of.largest);
+    box_.half[c] = 0.5 * (of.largest - of.least);
+  }
   return out;
 }
 

@@ -14,19 +14,18 @@
 #include <mutex>
 #include <vector>
 
-#include "contact.h"
 #include "linear.h"
-#include "patch_volume.h"
+#include "patch.h"
 #include "touch.h"
 
 namespace mjframes {
 
-class SoftBody;
+class Kinematics;
 
-// One SoftBody belongs to one mjData; whoever uses its states holds their mutex.
+// It belongs to one mjData; whoever uses its states holds their mutex.
 class PatchState {
  public:
-  PatchState(const SoftBody& body, int patch);
+  PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch);
 
   // Forgets what is not so where the control points are in `d`.
   void Update(const mjData* d);
@@ -62,9 +61,9 @@ class PatchState {
     std::vector<double> share;
   };
 
-  const SoftBody& body_;
+  const ContactModel& contact_;
+  const Kinematics& kinematics_;
   const Patch& patch_;
-  const int number_;
   std::vector<int32_t> point_;  // those that the patch depends on
   std::vector<Vec3> x_;         // (k)
   Mat3 axes_;                   // of the soft body, in the world

@@ -1,37 +1,37 @@
 #include "placed.h"
 
-#include "lanes.h"
 #include "lattice.h"
-#include "multiversion.h"
-#include "soft.h"
+#include "simd.h"
+#include "soft_contact.h"
 
 namespace mjframes {
 namespace {
 
 // The one of n points, given by component, that is nearest to p.
-MJFRAMES_MULTIVERSION
 int Nearest(const double* points, int n, const Vec3& p) {
-  Lanes least = Fill(mjMAXVAL), first = Fill(0);  // squares, and the number of the first of four
-  int s = 0;
-  for (; s + kLanes <= n; s += kLanes) {
-    const Lanes x = Load(points + s) - p[0], y = Load(points + n + s) - p[1], z = Load(points + 2 * n + s) - p[2];
-    const Lanes square = x * x + y * y + z * z;
-    first = square < least ? Fill(s) : first;
-    least = square < least ? square : least;
-  }
   int nearest = 0;
-  double best = mjMAXVAL;
-  for (int lane = 0; lane < kLanes; lane++) {
-    if (!(least[lane] < best)) continue;
-    best = least[lane];
-    nearest = static_cast<int>(first[lane]) + lane;
-  }
-  for (; s < n; s++) {
-    const Vec3 offset = Vec3{points[s], points[n + s], points[2 * n + s]} - p;
-    if (!(Dot(offset, offset) < best)) continue;
-    best = Dot(offset, offset);
-    nearest = s;
-  }
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    Lanes least = Fill(mjMAXVAL), first = Fill(0);  // squares, and the number of the first of four
+    int s = 0;
+    for (; s + kLanes <= n; s += kLanes) {
+      const Lanes x = Load(points + s) - p[0], y = Load(points + n + s) - p[1], z = Load(points + 2 * n + s) - p[2];
+      const Lanes square = x * x + y * y + z * z;
+      first = square < least ? Fill(s) : first;
+      least = square < least ? square : least;
+    }
+    double best = mjMAXVAL;
+    for (int lane = 0; lane < kLanes; lane++) {
+      if (!(least[lane] < best)) continue;
+      best = least[lane];
+      nearest = static_cast<int>(first[lane]) + lane;
+    }
+    for (; s < n; s++) {
+      const Vec3 offset = Vec3{points[s], points[n + s], points[2 * n + s]} - p;
+      if (!(Dot(offset, offset) < best)) continue;
+      best = Dot(offset, offset);
+      nearest = s;
+    }
+  });
   return nearest;
 }
 
@@ -41,7 +41,7 @@ int Placed::NearestVertex(const Vec3& p) const { return Nearest(state->Vertices(
 
 bool Placed::Above(const Vec3& p, double height) const {
   if (pose.error > kTrusted) return false;
-  const Lattice& lattice = deformed.body().lattice();
+  const Lattice& lattice = deformed.contact().lattice;
   int nodes[8];
   Vec3 fraction, gradient;
   if (!lattice.Cell(pose.guess + Mul(pose.slope, p - pose.box.centre), nodes, &fraction)) return false;
@@ -61,10 +61,10 @@ bool Placed::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3*
   return deformed.Distance(p, own, xi, distance, normal);
 }
 
-Placed Place(const SoftBody& body, int patch, const mjData* d, double room) {
-  PatchState* state = body.states()[patch].get();
+Placed Place(const SoftContact& contact, int patch, const mjData* d, double room) {
+  PatchState* state = contact.states()[patch].get();
   state->Update(d);
-  return {DeformedPatch(body, patch, state->positions()), state, state->Pose(), room};
+  return {DeformedPatch(contact.model(), patch, state->positions()), state, state->Pose(), room};
 }
 
 }  // namespace mjframes

@@ -7,12 +7,12 @@
 
 #include "deformed.h"
 #include "linear.h"
+#include "patch.h"
 #include "patch_state.h"
-#include "patch_volume.h"
 
 namespace mjframes {
 
-class SoftBody;
+class SoftContact;
 
 struct Placed {
   DeformedPatch deformed;
@@ -31,7 +31,7 @@ struct Placed {
 };
 
 // The caller holds the mutex of the patch's state.
-Placed Place(const SoftBody& body, int patch, const mjData* d, double room);
+Placed Place(const SoftContact& contact, int patch, const mjData* d, double room);
 
 }  // namespace mjframes
 

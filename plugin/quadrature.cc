@@ -5,10 +5,7 @@
 #include <utility>
 
 #include "hessian.h"
-#include "lanes.h"
-#include "law_lanes.h"
-#include "multiversion.h"
-#include "scatter.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
@@ -47,24 +44,9 @@ MJFRAMES_INLINE void RespondOf(Law law, const LawParameters* material, const dou
   }
 }
 
-#ifdef MJFRAMES_TARGET
-MJFRAMES_TARGET("arch=x86-64-v4")
 void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
                   double* hessian) {
-  RespondOf<WideLanes>(law, material, volume, gradient, stress, hessian);
-}
-
-MJFRAMES_TARGET("arch=x86-64-v3")
-void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
-                  double* hessian) {
-  RespondOf<Lanes>(law, material, volume, gradient, stress, hessian);
-}
-
-MJFRAMES_TARGET("default")
-#endif
-void RespondEight(Law law, const LawParameters* material, const double* volume, const double* gradient, double* stress,
-                  double* hessian) {
-  RespondOf<Lanes>(law, material, volume, gradient, stress, hessian);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { RespondOf<V>(law, material, volume, gradient, stress, hessian); });
 }
 
 // Entry of point n in arrays of eight points side by side.
@@ -73,34 +55,37 @@ MJFRAMES_INLINE double* EntryOf(std::vector<double>* array, int entries, int n) 
 }
 
 // F of a region's points into the row of all.
-MJFRAMES_MULTIVERSION
 void StoreGradients(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
-  for (int q = 0; q < region.quadrature_points; q += kLanes) {
-    Lanes F[9];
-    Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * region.size(), scratch->x.data(), region.size(), F);
-    for (int lane = 0; lane < std::min(kLanes, region.quadrature_points - q); lane++) {
-      double* entry = EntryOf(&scratch->gradient, 9, first + q + lane);
-      for (int e = 0; e < 9; e++) entry[e * kWideLanes] = F[e][lane];
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    for (int q = 0; q < region.quadrature_points; q += kLanes) {
+      Lanes F[9];
+      Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * region.size(), scratch->x.data(), region.size(),
+               F);
+      for (int lane = 0; lane < std::min(kLanes, region.quadrature_points - q); lane++) {
+        double* entry = EntryOf(&scratch->gradient, 9, first + q + lane);
+        for (int e = 0; e < 9; e++) entry[e * kWideLanes] = F[e][lane];
+      }
     }
-  }
+  });
 }
 
 // Adds Σ_q V_q P ∇W_j of a region to force (3 × padded).
-MJFRAMES_MULTIVERSION
 void AddForce(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
-  const int padded = PadToLanes(region.size());
-  double* __restrict force = scratch->force.data();
-  const double* g = region.by_quadrature.data();
-  for (int q = 0; q < region.quadrature_points; q++, g += 3 * padded) {
-    const double* P = EntryOf(&scratch->stress, 9, first + q);
-    for (int r = 0; r < 3; r++) {
-      const double p0 = P[3 * r * kWideLanes], p1 = P[(3 * r + 1) * kWideLanes], p2 = P[(3 * r + 2) * kWideLanes];
-      for (int j = 0; j < padded; j += kLanes) {
-        const Lanes sum = p0 * Load(g + j) + p1 * Load(g + padded + j) + p2 * Load(g + 2 * padded + j);
-        Store(Load(force + r * padded + j) + sum, force + r * padded + j);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    const int padded = PadToLanes(region.size());
+    double* __restrict force = scratch->force.data();
+    const double* g = region.by_quadrature.data();
+    for (int q = 0; q < region.quadrature_points; q++, g += 3 * padded) {
+      const double* P = EntryOf(&scratch->stress, 9, first + q);
+      for (int r = 0; r < 3; r++) {
+        const double p0 = P[3 * r * kWideLanes], p1 = P[(3 * r + 1) * kWideLanes], p2 = P[(3 * r + 2) * kWideLanes];
+        for (int j = 0; j < padded; j += kLanes) {
+          const Lanes sum = p0 * Load(g + j) + p1 * Load(g + padded + j) + p2 * Load(g + 2 * padded + j);
+          Store(Load(force + r * padded + j) + sum, force + r * padded + j);
+        }
       }
     }
-  }
+  });
 }
 
 // V_q (∂P/∂F) ∇W_k of a region, columns from k on: entry (r, a), s at 3 (3r + a) + s of products (q × 27 × padded).
@@ -162,21 +147,8 @@ MJFRAMES_INLINE void AddBlocksOf(const QuadratureRegion& region, int first, Quad
   }
 }
 
-#ifdef MJFRAMES_TARGET
-MJFRAMES_TARGET("arch=x86-64-v4")
 void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  AddBlocksOf<WideLanes>(region, first, scratch, stiffness);
-}
-
-MJFRAMES_TARGET("arch=x86-64-v3")
-void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
-}
-
-MJFRAMES_TARGET("default")
-#endif
-void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  AddBlocksOf<Lanes>(region, first, scratch, stiffness);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBlocksOf<V>(region, first, scratch, stiffness); });
 }
 
 void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {

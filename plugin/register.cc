@@ -5,10 +5,10 @@
 #include "contact.h"
 #include "patch_field.h"
 #include "sensor.h"
-#include "soft.h"
+#include "world.h"
 
 mjPLUGIN_LIB_INIT(mjframes) {
-  mjframes::RegisterPlugin();
+  mjframes::RegisterWorld();
   mjframes::RegisterPatchField();
   mjframes::RegisterSensor();
   mjframes::InstallCollisionHook();

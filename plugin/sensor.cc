@@ -5,7 +5,8 @@
 #include <optional>
 #include <string>
 
-#include "reader.h"
+#include "plugin.h"
+#include "world.h"
 
 namespace mjframes {
 namespace {
@@ -145,7 +146,7 @@ PointState Sensor::StateOf(const SoftBody& body, size_t n) {
     QuadratureStates(quadrature_[n], x.data(), scratch_.get(), &state);
     return state;
   }
-  const Region& region = body.FindRegion(sample.region);
+  const Region& region = body.elasticity().FindRegion(sample.region);
   const int m = region.size();
   const Mat3 R = RegionRotation(region, x.data(), kIdentity);
   Vec3 mean{};
@@ -180,9 +181,9 @@ PointState Sensor::StateOf(const SoftBody& body, size_t n) {
 }
 
 void Sensor::Compute(const mjModel* m, mjData* d) {
-  SoftBody* body = GetSoftBody(m, d, soft_);
+  SoftBody* body = GetSoftBody(d, soft_);
   mjtNum* out = d->sensordata + address_;
-  body->Gather(m, d);
+  body->Locate(m, d);
   if (quantity_ == kElasticEnergy) *out = body->ElasticEnergy();
   if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
   const Mat3 axes = body->kinematics().Axes(d);
@@ -203,29 +204,12 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
 }
 
 void RegisterSensor() {
-  mjpPlugin plugin;
-  mjp_defaultPlugin(&plugin);
-  plugin.name = kSensorName;
-  plugin.capabilityflags = mjPLUGIN_SENSOR;
+  mjpPlugin plugin = PluginWith<Sensor>(kSensorName, mjPLUGIN_SENSOR);
   plugin.needstage = mjSTAGE_VEL;
   plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
   plugin.attributes = kAttributes;
-  plugin.nstate = +[](const mjModel*, int) { return 0; };
   plugin.nsensordata = +[](const mjModel* m, int instance, int) { return Sensor::Size(m, instance); };
-  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
-    std::unique_ptr<Sensor> sensor = Sensor::Create(m, instance);
-    if (!sensor) return -1;
-    d->plugin_data[instance] = reinterpret_cast<uintptr_t>(sensor.release());
-    return 0;
-  };
-  plugin.destroy = +[](mjData* d, int instance) {
-    delete reinterpret_cast<Sensor*>(d->plugin_data[instance]);
-    d->plugin_data[instance] = 0;
-  };
-  plugin.reset = +[](const mjModel*, mjtNum*, void*, int) {};
-  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int) {
-    reinterpret_cast<Sensor*>(d->plugin_data[instance])->Compute(m, d);
-  };
+  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int) { DataOf<Sensor>(d, instance)->Compute(m, d); };
   mjp_registerPlugin(&plugin);
 }
 

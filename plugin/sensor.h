@@ -17,9 +17,10 @@
 #include <memory>
 #include <vector>
 
+#include "attributes.h"
 #include "linear.h"
 #include "quadrature.h"
-#include "soft.h"
+#include "soft_body.h"
 
 namespace mjframes {
 

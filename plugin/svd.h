@@ -7,7 +7,7 @@
 #ifndef MJFRAMES_PLUGIN_SVD_H_
 #define MJFRAMES_PLUGIN_SVD_H_
 
-#include "lanes.h"
+#include "simd.h"
 
 namespace mjframes {
 

@@ -8,8 +8,8 @@
 #include "distance.h"
 #include "patch_state.h"
 #include "placed.h"
-#include "pressure.h"
-#include "soft.h"
+#include "simd.h"
+#include "soft_body.h"
 
 namespace mjframes {
 namespace {
@@ -29,7 +29,7 @@ class Held {
   Held(const int geom[2], const SoftSide side[2]) {
     const int first = geom[0] < geom[1] ? 0 : 1;  // in one order everywhere: no two threads wait for each other
     for (const int s : {first, 1 - first}) {
-      if (side[s].body) lock_[s] = std::unique_lock(side[s].body->states()[side[s].patch]->mutex);
+      if (side[s].body) lock_[s] = std::unique_lock(side[s].body->contact().states()[side[s].patch]->mutex);
     }
   }
 
@@ -43,9 +43,46 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
   }
 }
 
+// Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
+// those that are `reach` above the deepest have none. Returns the distance of the pressure centre; mjMAXVAL and no
+// shares if nothing is near.
+double ShareOut(double* distance, int begin, int end, double reach) {
+  const double deepest = ExtremesOf(distance + begin, end - begin).least;
+  if (deepest == mjMAXVAL) {
+    std::fill(distance + begin, distance + end, 0.0);
+    return mjMAXVAL;
+  }
+  double total = 0, mean = 0;
+  for (int s = begin; s < end; s++) {
+    const double height = distance[s] - deepest;
+    if (!(height < reach)) {
+      distance[s] = 0;
+      continue;
+    }
+    const double share = 1 - height / reach;
+    mean += share * share * distance[s];
+    distance[s] = share * share;
+    total += distance[s];
+  }
+  for (int s = begin; s < end; s++) {
+    if (distance[s] > 0) distance[s] /= total;
+  }
+  return mean / total;
+}
+
+// Makes a direction and a place of the sums over what touches, balls of this radius. False where opposite normals
+// cancel, as where a thin geom is between the vertices: no direction, no contact.
+bool Settle(double radius, Touch* touch) {
+  const double length = Norm(touch->normal);
+  if (!(length > mjMINVAL)) return false;
+  touch->normal = (1 / length) * touch->normal;
+  touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
+  return true;
+}
+
 // Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
 bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
-  if (!soft.deformed.body().has_volume()) return false;
+  if (!soft.deformed.contact().has_volume) return false;
   Vec3 xi{}, position, normal;
   for (int s = touch.begin; s < touch.end; s++) {
     if (share[s] > 0) xi = xi + share[s] * soft.deformed.VertexPoint(s);
@@ -57,7 +94,7 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
 // is a ball of the contact radius.
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
-  const double radius = soft.deformed.body().contact_radius();
+  const double radius = soft.deformed.contact().radius;
   if (other.LowerBound(soft.state->VertexBox()) > std::max(0.0, margin) + radius + kMargin) return 0;
   const Patch& patch = soft.deformed.patch();
   const int n = patch.vertices;
@@ -77,12 +114,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       touch.position = touch.position + share[s] * p;
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    // opposite normals cancel where a thin geom is between the vertices: no direction, no contact
-    const double length = Norm(touch.normal);
-    if (!(length > mjMINVAL)) continue;
-    touch.normal = (1 / length) * touch.normal;
-    touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
-    if (other.bounded() && PushesOut(soft, touch, share)) continue;
+    if (!Settle(radius, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
     out[count++] = touch;
   }
   return count;
@@ -110,7 +142,7 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
   Mat3 axes;
   std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
   const auto world = [&](const Vec3& local) { return Vec3{origin[0], origin[1], origin[2]} + Mul(axes, local); };
-  const double reach = kBlend * soft.deformed.body().contact_radius();
+  const double reach = kBlend * soft.deformed.contact().radius;
   // in the geom's axes what may be near is in a box, too
   const Vec3 centre = MulT(axes, soft.pose.box.centre - Vec3{origin[0], origin[1], origin[2]});
   Vec3 half{};
@@ -150,18 +182,14 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
       touch.normal = touch.normal + share[i] * near[i].normal;
       touch.xi = touch.xi + share[i] * near[i].xi;
     }
-    const double length = Norm(touch.normal);
-    if (!(length > mjMINVAL)) continue;
-    touch.normal = (1 / length) * touch.normal;
-    touch.position = touch.position - (features.radius + 0.5 * distance) * touch.normal;
-    out[count++] = touch;
+    if (Settle(features.radius, &touch)) out[count++] = touch;
   }
   return count;
 }
 
 // The vertices of one patch that touch the other; normals point out of the other.
 int VertexTouches(const Placed& mine, const Placed& other, int side, double margin, TouchScratch* scratch, Touch* out) {
-  const double radius = mine.deformed.body().contact_radius();
+  const double radius = mine.deformed.contact().radius;
   double* share = scratch->share[side];
   Vec3 normals[kMaxPatchVertices];
   const Patch& patch = mine.deformed.patch();
@@ -181,12 +209,7 @@ int VertexTouches(const Placed& mine, const Placed& other, int side, double marg
         touch.position = touch.position + share[s] * Vertex(vertices, patch.vertices, s);
         touch.normal = touch.normal + share[s] * normals[s];
       }
-      const double length = Norm(touch.normal);
-      if (length > mjMINVAL) {
-        touch.normal = (1 / length) * touch.normal;
-        touch.position = touch.position - (radius + 0.5 * touch.distance) * touch.normal;
-        out[count++] = touch;
-      }
+      if (Settle(radius, &touch)) out[count++] = touch;
     }
     begin = end;
   }
@@ -205,27 +228,27 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
   double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
   if (side[0].body && side[1].body) {
-    if (!side[0].body->has_volume() || !side[1].body->has_volume()) return 0;
-    room += side[0].body->contact_radius() + side[1].body->contact_radius();
-    const Placed mine = Place(*side[0].body, side[0].patch, d, room),
-                 other = Place(*side[1].body, side[1].patch, d, room);
+    if (!side[0].body->contact().model().has_volume || !side[1].body->contact().model().has_volume) return 0;
+    room += side[0].body->contact().model().radius + side[1].body->contact().model().radius;
+    const Placed mine = Place(side[0].body->contact(), side[0].patch, d, room),
+                 other = Place(side[1].body->contact(), side[1].patch, d, room);
     if (mine.pose.box.Apart(other.pose.box, room)) return 0;
     int count = VertexTouches(mine, other, 0, margin, scratch, out);
     for (int i = 0; i < count; i++) out[i].normal = -1 * out[i].normal;
     return count + VertexTouches(other, mine, 1, margin, scratch, out + count);
   }
   const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
-  const SoftBody& body = *side[s].body;
-  const double reach = std::max(0.0, margin) + (1 + kBlend) * body.contact_radius();
-  const GeomQuery query(m, d, body.meshes(), rigid, reach);
+  const SoftContact& contact = side[s].body->contact();
+  const double reach = std::max(0.0, margin) + (1 + kBlend) * contact.model().radius;
+  const GeomQuery query(m, d, contact.meshes(), rigid, reach);
   if (!query.valid) return 0;
   const double ball = Features::Radius(m, rigid);
-  const Placed soft = Place(body, side[s].patch, d, room + body.contact_radius() + ball);
+  const Placed soft = Place(contact, side[s].patch, d, room + contact.model().radius + ball);
   int count = 0;
-  if (!body.has_volume() || !(query.LowerBound(soft.pose.box) > reach)) {
+  if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
     const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
-    if (body.has_volume()) {
-      count += FeatureTouches(m, d, rigid, soft, Features(m, body.meshes(), rigid), margin, out + count);
+    if (contact.model().has_volume) {
+      count += FeatureTouches(m, d, rigid, soft, Features(m, contact.meshes(), rigid), margin, out + count);
     }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {
@@ -241,7 +264,7 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
   const int s = side[1].body ? 1 : 0;
   if (side[s].patch < 0) return 0;
   const Held held(geom, side);
-  PatchState* state = side[s].body->states()[side[s].patch].get();
+  PatchState* state = side[s].body->contact().states()[side[s].patch].get();
   state->Update(d);
   const int count = state->Recall(d, geom[1 - s], out, scratch->share[s]);
   // sensors of distance, too, search, and may name the two in the other order
@@ -252,9 +275,9 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 }
 
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {
-  PatchState* state = side[s].body->states()[side[s].patch].get();
+  PatchState* state = side[s].body->contact().states()[side[s].patch].get();
   const std::lock_guard held(state->mutex);
-  const DeformedPatch deformed(*side[s].body, side[s].patch, state->positions());
+  const DeformedPatch deformed(side[s].body->contact().model(), side[s].patch, state->positions());
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
     deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);
@@ -272,11 +295,11 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight) {
-  const std::lock_guard held(side.body->states()[side.patch]->mutex);
-  const Placed soft = Place(*side.body, side.patch, d, 0);
+  const std::lock_guard held(side.body->contact().states()[side.patch]->mutex);
+  const Placed soft = Place(side.body->contact(), side.patch, d, 0);
   Vec3 xi, normal;
   double distance;
-  if (side.body->has_volume() && soft.Distance(place, false, &xi, &distance, &normal)) {
+  if (side.body->contact().model().has_volume && soft.Distance(place, false, &xi, &distance, &normal)) {
     soft.deformed.AddWeights(xi, 1, weight);
   } else {
     AddVertexWeights(soft.deformed.patch(), soft.NearestVertex(place), 1, weight);

@@ -12,9 +12,9 @@
 
 #include <mujoco/mujoco.h>
 
-#include "contact.h"
 #include "geom_features.h"
 #include "linear.h"
+#include "patch.h"
 
 namespace mjframes {
 

@@ -1,4 +1,4 @@
-#include "soft_model.h"
+#include "parse.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -216,7 +216,9 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
                                Reader* reader) {
   std::vector<Patch> patches;
   for (int geom = 0; geom < m->ngeom; geom++) {
-    if (SoftInstanceOf(m, geom) == instance) patches.push_back({geom, 0, {}, {}, {}, {}});
+    if (SoftInstanceOf(m, geom) != instance) continue;
+    patches.emplace_back();
+    patches.back().geom = geom;
   }
   if (patches.empty()) {
     reader->Check(!reader->Has("patch_size"), "its patch geoms are not there: build it again");
@@ -299,26 +301,22 @@ Lattice ReadLattice(int points, const std::vector<Patch>& patches, Reader* reade
   return lattice;
 }
 
-}  // namespace
-
-bool ChangesInertia(const mjModel* m, int instance) {
-  const Reader reader(m, instance);
-  return std::strcmp(reader.Text("mode"), "explicit") != 0 || reader.Has("region_mass");
-}
-
 // Every point is a pair with itself that carries its mass.
-void SoftModel::AssignMass() {
+void AssignMass(SoftModel* model) {
+  Kinematics& kinematics = model->kinematics;
+  std::vector<double>& difference = model->mass_difference;
   const size_t points = kinematics.points().size();
   std::vector<int> own(points);
   for (size_t j = 0; j < points; j++) kinematics.Couple(static_cast<int>(j), static_cast<int>(j), &own[j]);
-  mass_difference.resize(kinematics.pairs().size(), 0.0);
-  has_difference = std::any_of(mass_difference.begin(), mass_difference.end(), [](double m) { return m != 0; });
-  mass = mass_difference;
-  for (size_t j = 0; j < points; j++) mass[own[j]] += kinematics.points()[j].mass;
+  difference.resize(kinematics.pairs().size(), 0.0);
+  model->has_difference = std::any_of(difference.begin(), difference.end(), [](double m) { return m != 0; });
+  model->mass = difference;
+  for (size_t j = 0; j < points; j++) model->mass[own[j]] += kinematics.points()[j].mass;
 }
 
-std::unique_ptr<const SoftModel> SoftModel::Read(const mjModel* m, int instance, Reader* reader) {
+std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reader* reader) {
   auto model = std::make_unique<SoftModel>();
+  ElasticModel& elastic = model->elastic;
   if (std::strcmp(reader->Text("version"), kVersion) != 0) {
     reader->Fail(std::string("its data has version '") + reader->Text("version") + "', this plugin reads version " +
                  kVersion + ": build it again with the mjframes that is installed");
@@ -329,6 +327,7 @@ std::unique_ptr<const SoftModel> SoftModel::Read(const mjModel* m, int instance,
   model->implicit = std::strcmp(reader->Text("mode"), "explicit") != 0;
   reader->Check(!model->implicit || std::strcmp(reader->Text("mode"), "implicit") == 0,
                 "mode has to be 'implicit' or 'explicit'");
+  model->changes_inertia = model->implicit || reader->Has("region_mass");
   if (reader->ok()) {
     model->alpha = reader->Number("alpha");
     model->beta = reader->Number("beta");
@@ -337,38 +336,41 @@ std::unique_ptr<const SoftModel> SoftModel::Read(const mjModel* m, int instance,
   std::vector<Coupling> couplings;
   if (reader->ok()) couplings = ReadCouplings(&model->kinematics, &model->mass_difference, reader);
   const bool at_points = law && !reader->Has("cell_count");
-  if (reader->ok() && at_points) model->quadrature = ReadQuadrature(couplings, *law, reader);
-  if (reader->ok() && !at_points) model->regions = ReadRegions(couplings, model->kinematics.points(), reader);
-  if (reader->ok() && law && !at_points) ReadCells(*law, &model->regions, reader);
-  if (reader->ok()) model->AssignMass();
+  if (reader->ok() && at_points) elastic.quadrature = ReadQuadrature(couplings, *law, reader);
+  if (reader->ok() && !at_points) elastic.regions = ReadRegions(couplings, model->kinematics.points(), reader);
+  if (reader->ok() && law && !at_points) ReadCells(*law, &elastic.regions, reader);
+  if (reader->ok()) AssignMass(model.get());
   if (reader->ok()) model->kinematics.Finish(m, reader);
   const std::vector<ControlPoint>& points = model->kinematics.points();
-  if (reader->ok()) model->patches = ReadPatches(m, instance, points, reader);
-  const int patches = static_cast<int>(model->patches.size());
+  ContactModel& contact = model->contact;
+  if (reader->ok()) contact.patches = ReadPatches(m, instance, points, reader);
+  const int patches = static_cast<int>(contact.patches.size());
   if (reader->ok() && patches > 0) {
-    model->contact_radius = reader->Number("contact_radius");
-    model->volumes.resize(patches);
-    model->has_volume = reader->Has("lattice_spacing");
-    if (model->has_volume) model->lattice = ReadLattice(static_cast<int>(points.size()), model->patches, reader);
+    contact.radius = reader->Number("contact_radius");
+    contact.has_volume = reader->Has("lattice_spacing");
+    if (contact.has_volume) contact.lattice = ReadLattice(static_cast<int>(points.size()), contact.patches, reader);
     for (int i = 0; reader->ok() && i < patches; i++) {
-      if (model->has_volume) model->volumes[i] = PatchVolume::Create(m, *model, i);
-      model->volumes[i].SetCover(*model, i);
+      PatchVolume& volume = contact.patches[i].volume;
+      if (contact.has_volume) volume = PatchVolume::Create(m, contact, model->kinematics, i);
+      volume.SetCover(contact, model->kinematics, i);
     }
   }
   if (reader->ok() && at_points && reader->Has("region_enlargement")) {
-    model->enlarges = true;
+    elastic.enlarges = true;
     for (const double value : reader->Array<double>("region_enlargement")) {
-      model->enlargement = std::max(model->enlargement, value);
+      elastic.enlargement = std::max(elastic.enlargement, value);
     }
   }
   if (!reader->ok()) return nullptr;
-  for (const Region& region : model->regions) model->enlarges = model->enlarges || region.enlargement != 1;
-  model->batches = BatchesOf(model->regions);
+  for (const Region& region : elastic.regions) elastic.enlarges = elastic.enlarges || region.enlargement != 1;
+  elastic.batches = BatchesOf(elastic.regions);
   return model;
 }
 
-// All that Read and the kinematics look at.
-std::shared_ptr<const SoftModel> SoftModel::Find(const mjModel* m, int instance, Reader* reader) {
+}  // namespace
+
+// All that ReadModel and the kinematics look at.
+std::shared_ptr<const SoftModel> FindModel(const mjModel* m, int instance, Reader* reader) {
   Key key;
   const int first = m->plugin_attradr[instance], joints = m->njnt, bodies = m->nbody;
   int end = m->npluginattr;
@@ -383,7 +385,7 @@ std::shared_ptr<const SoftModel> SoftModel::Find(const mjModel* m, int instance,
   key.Add(m->geom_plugin, m->ngeom).Add(m->geom_bodyid, m->ngeom);
   key.Add(m->actuator_trntype, m->nactuator).Add(m->actuator_trnid, 2 * static_cast<size_t>(m->nactuator));
   key.Add(&m->ntendon, 1).Add(m->M_rownnz, m->nv).Add(m->M_rowadr, m->nv).Add(m->M_colind, m->nM);
-  return Shared<SoftModel>(key.text(), [&] { return Read(m, instance, reader); });
+  return Shared<SoftModel>(key.text(), [&] { return ReadModel(m, instance, reader); });
 }
 
 }  // namespace mjframes

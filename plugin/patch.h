@@ -7,8 +7,8 @@
 //
 // and d_j = 0 where the patch moves affinely: so bounds of p̄ − p̄₀ and of e_j, taken once, bound x closely.
 
-#ifndef MJFRAMES_PLUGIN_PATCH_VOLUME_H_
-#define MJFRAMES_PLUGIN_PATCH_VOLUME_H_
+#ifndef MJFRAMES_PLUGIN_PATCH_H_
+#define MJFRAMES_PLUGIN_PATCH_H_
 
 #include <mujoco/mujoco.h>
 
@@ -16,12 +16,19 @@
 #include <cstdint>
 #include <vector>
 
+#include "lattice.h"
 #include "linear.h"
 
 namespace mjframes {
 
-struct Lattice;
-struct SoftModel;
+class Kinematics;
+struct ContactModel;
+
+// The collision hook has only the thread's stack to work on.
+inline constexpr int kMaxPatchVertices = 1024;
+
+// A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
+inline constexpr int kMaxClusters = 4;
 
 // Along the world's axes.
 struct AlignedBox {
@@ -56,13 +63,13 @@ struct PatchPose {
 // its geom's body and those that do not move; weights of others, rare and small, are left out and the rest scaled to
 // sum 1.
 struct PatchVolume {
-  static PatchVolume Create(const mjModel* m, const SoftModel& body, int patch);
+  static PatchVolume Create(const mjModel* m, const ContactModel& contact, const Kinematics& kinematics, int patch);
 
   // x: where the control points are in the world, by control point [m].
   PatchPose Pose(const Lattice& lattice, const Vec3* x) const;
 
   // How far apart its vertices are, and whether it has material between them.
-  void SetCover(const SoftModel& body, int patch);
+  void SetCover(const ContactModel& contact, const Kinematics& kinematics, int patch);
 
   // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
   bool Near(const Lattice& lattice, const Vec3& xi, double error) const;
@@ -82,6 +89,30 @@ struct PatchVolume {
   double cover = 0;
 };
 
+// The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
+struct Patch {
+  int geom = -1;
+  int vertices = 0;              // number of vertices n, cluster after cluster
+  std::vector<int32_t> cluster;  // number of vertices of each cluster          (≤ kMaxClusters)
+  std::vector<int32_t> point;    // control points, ancestors first             (p)
+  std::vector<double> weight;    // W_j(s), one row of n a point                (p × n)
+  std::vector<double> offset;    // s − Σ_j W_j(s) x̄_j [m], by component; empty where the frames give none (3 × n)
+  PatchVolume volume;            // the material below
+};
+
+// What of a soft body touches; never changes.
+struct ContactModel {
+  double radius = 0;  // of the vertices' spheres [m]
+  std::vector<Patch> patches;
+  // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
+  // only.
+  bool has_volume = false;
+  Lattice lattice;
+
+  // What small is to the body [m]: a cell of the lattice, if it has one.
+  double cell() const { return has_volume ? lattice.spacing : radius; }
+};
+
 // A guess that is off by no more can rule a patch out.
 inline constexpr double kTrusted = 2;  // [cells]
 
@@ -90,4 +121,4 @@ inline constexpr double kHeld = 0.5;  // [-]
 
 }  // namespace mjframes
 
-#endif  // MJFRAMES_PLUGIN_PATCH_VOLUME_H_
+#endif  // MJFRAMES_PLUGIN_PATCH_H_

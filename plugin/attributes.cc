@@ -1,4 +1,4 @@
-#include "config.h"
+#include "attributes.h"
 
 #include <array>
 #include <bit>

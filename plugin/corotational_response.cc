@@ -1,13 +1,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "lanes_linear.h"
-#include "law_lanes.h"
-#include "multiversion.h"
-#include "region_batch.h"
+#include "corotational.h"
+#include "hessian.h"
 #include "rotation.h"
-#include "rotation_lanes.h"
-#include "scatter.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
@@ -472,24 +469,9 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
   }
 }
 
-#ifdef MJFRAMES_TARGET
-MJFRAMES_TARGET("arch=x86-64-v4")
 void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
               double* held) {
-  AddBatchOf<WideLanes>(batch, x, scratch, force, stiffness, held);
-}
-
-MJFRAMES_TARGET("arch=x86-64-v3")
-void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
-              double* held) {
-  AddBatchOf<Lanes>(batch, x, scratch, force, stiffness, held);
-}
-
-MJFRAMES_TARGET("default")
-#endif
-void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
-              double* held) {
-  AddBatchOf<Lanes>(batch, x, scratch, force, stiffness, held);
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, x, scratch, force, stiffness, held); });
 }
 
 }  // namespace

@@ -1,10 +1,9 @@
-#include "patch_volume.h"
+#include "patch.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "lattice.h"
-#include "soft_model.h"
+#include "kinematics.h"
 
 namespace mjframes {
 namespace {
@@ -12,10 +11,10 @@ namespace {
 constexpr int kReach = static_cast<int>(kTrusted) + 1;  // [cells]
 
 // Weights of all control points at the vertices of a patch and at the nodes of the cells below it.
-std::vector<std::vector<double>> SampleWeights(const SoftModel& body, int number, const std::vector<uint8_t>& holds) {
-  const Lattice& lattice = body.lattice;
-  const Patch& patch = body.patches[number];
-  const size_t k = body.kinematics.points().size();
+std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size_t k, int number,
+                                               const std::vector<uint8_t>& holds) {
+  const Lattice& lattice = contact.lattice;
+  const Patch& patch = contact.patches[number];
   std::vector<std::vector<double>> samples;
   for (int s = 0; s < patch.vertices; s++) {
     samples.emplace_back(k, 0.0);
@@ -75,20 +74,21 @@ std::vector<uint8_t> StepsToPatch(const Lattice& lattice, int patch) {
 
 }  // namespace
 
-PatchVolume PatchVolume::Create(const mjModel* m, const SoftModel& body, int number) {
-  const std::vector<ControlPoint>& points = body.kinematics.points();
+PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, const Kinematics& kinematics,
+                                int number) {
+  const std::vector<ControlPoint>& points = kinematics.points();
   const size_t k = points.size();
   PatchVolume volume;
   volume.holds.assign(k, 0);
-  for (int i = 0; i < number; i++) volume.first_vertex += body.patches[i].vertices;
+  for (int i = 0; i < number; i++) volume.first_vertex += contact.patches[i].vertices;
   int deepest = -1;  // node of the geom's body
   for (const ControlPoint& point : points) {
-    if (point.body == m->geom_bodyid[body.patches[number].geom]) deepest = point.node;
+    if (point.body == m->geom_bodyid[contact.patches[number].geom]) deepest = point.node;
   }
-  for (size_t j = 0; j < k; j++) volume.holds[j] = body.kinematics.IsAbove(points[j].node, deepest);
+  for (size_t j = 0; j < k; j++) volume.holds[j] = kinematics.IsAbove(points[j].node, deepest);
 
-  volume.steps = StepsToPatch(body.lattice, number);
-  const std::vector<std::vector<double>> samples = SampleWeights(body, number, volume.holds);
+  volume.steps = StepsToPatch(contact.lattice, number);
+  const std::vector<std::vector<double>> samples = SampleWeights(contact, k, number, volume.holds);
   std::vector<double> mean(k, 0.0);
   for (const auto& weight : samples) {
     for (size_t j = 0; j < k; j++) mean[j] += weight[j] / static_cast<double>(samples.size());
@@ -134,13 +134,13 @@ PatchVolume PatchVolume::Create(const mjModel* m, const SoftModel& body, int num
   return volume;
 }
 
-void PatchVolume::SetCover(const SoftModel& body, int number) {
-  const Patch& patch = body.patches[number];
+void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
+  const Patch& patch = contact.patches[number];
   const size_t n = patch.vertices;
   std::vector<Vec3> vertex(n);
   for (size_t s = 0; s < n; s++) {
     for (size_t a = 0; a < patch.point.size(); a++) {
-      vertex[s] = vertex[s] + patch.weight[a * n + s] * body.kinematics.points()[patch.point[a]].rest;
+      vertex[s] = vertex[s] + patch.weight[a * n + s] * kinematics.points()[patch.point[a]].rest;
     }
     for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
   }
@@ -151,14 +151,14 @@ void PatchVolume::SetCover(const SoftModel& body, int number) {
     }
     return nearest;
   };
-  const Lattice& lattice = body.lattice;
+  const Lattice& lattice = contact.lattice;
   for (size_t i = 0; i < lattice.node.size(); i++) {
     if (lattice.patch[i] != number || std::abs(lattice.distance[i]) > lattice.spacing) continue;
     solid |= lattice.distance[i] < 0;
     cover = std::max(cover, from_nearest(lattice.Place(static_cast<int>(i)), n));
   }
   if (solid) return;
-  cover = body.contact_radius;
+  cover = contact.radius;
   for (size_t s = 0; s < n && n > 1; s++) cover = std::max(cover, from_nearest(vertex[s], s));
 }
 

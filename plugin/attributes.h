@@ -1,21 +1,28 @@
-// Reads the configuration of one plugin instance; the first failure is kept as a sentence.
+// Values of a plugin instance's attributes: numbers, words, and bulk arrays as text inside the compiled model.
+//
+// An array is "<type>:<count>:<base64>", type f64 or i32, little endian, count in elements. Nothing else survives MJCF,
+// mjSpec attachment and mjb files unchanged (decimal text loses digits).
 
-#ifndef MJFRAMES_PLUGIN_READER_H_
-#define MJFRAMES_PLUGIN_READER_H_
+#ifndef MJFRAMES_PLUGIN_ATTRIBUTES_H_
+#define MJFRAMES_PLUGIN_ATTRIBUTES_H_
 
 #include <mujoco/mujoco.h>
 
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <string>
 #include <string_view>
 #include <system_error>
 #include <vector>
 
-#include "config.h"
-
 namespace mjframes {
 
+// Decodes an array. On failure returns false and says in `error` what is wrong with the value.
+bool DecodeArray(const char* value, std::vector<double>* out, std::string* error);
+bool DecodeArray(const char* value, std::vector<int32_t>* out, std::string* error);
+
+// Reads them; the first failure is kept as a sentence.
 class Reader {
  public:
   Reader(const mjModel* m, int instance) : model_(m), instance_(instance) {}
@@ -77,4 +84,4 @@ class Reader {
 
 }  // namespace mjframes
 
-#endif  // MJFRAMES_PLUGIN_READER_H_
+#endif  // MJFRAMES_PLUGIN_ATTRIBUTES_H_

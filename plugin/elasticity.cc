@@ -1,0 +1,66 @@
+#include "elasticity.h"
+
+#include <algorithm>
+
+namespace mjframes {
+
+Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs)
+    : model_(model),
+      pairs_(pairs),
+      batch_scratch_(model.batches),
+      quadrature_scratch_(model.quadrature),
+      stiffness_(9 * pairs.size()),
+      enlarged_(model.enlarges ? 9 * pairs.size() : 0) {}
+
+void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force) {
+  std::fill(force->begin(), force->end(), Vec3{});
+  std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
+  std::fill(enlarged_.begin(), enlarged_.end(), 0.0);
+  double* K = stiffness ? stiffness_.data() : nullptr;
+  AddBatches(model_.batches, x, &batch_scratch_, force->data(), K, enlarged_.empty() ? nullptr : enlarged_.data());
+  AddQuadrature(model_.quadrature, x, &quadrature_scratch_, force->data(), K);
+  if (model_.quadrature.empty() || enlarged_.empty()) return;
+  std::transform(stiffness_.begin(), stiffness_.end(), enlarged_.begin(),
+                 [this](double k) { return model_.enlargement * k; });
+}
+
+void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict force) const {
+  const double* K = stiffness_.data();
+  int at = 0;
+  Vec3 sum{};
+  for (const PointPair& pair : pairs_) {
+    const int j = pair.j, k = pair.k;
+    if (j != at) {
+      force[at] = force[at] - sum;
+      sum = {};
+      at = j;
+    }
+    const Vec3 uj = u[j], uk = u[k];
+    for (int r = 0; r < 3; r++) sum[r] += K[3 * r] * uk[0] + K[3 * r + 1] * uk[1] + K[3 * r + 2] * uk[2];
+    if (j != k) {
+      for (int r = 0; r < 3; r++) force[k][r] -= K[r] * uj[0] + K[3 + r] * uj[1] + K[6 + r] * uj[2];
+    }
+    K += 9;
+  }
+  force[at] = force[at] - sum;
+}
+
+double Elasticity::Energy(const Vec3* x) {
+  double energy = 0;
+  Mat3 R = kIdentity;  // neighbouring regions turn alike, so each starts its rotation from the one before
+  for (const Region& region : model_.regions) {
+    R = RegionRotation(region, x, R);
+    energy += RegionEnergy(region, x, R);
+  }
+  for (const QuadratureRegion& region : model_.quadrature) {
+    energy += QuadratureEnergy(region, x, &quadrature_scratch_);
+  }
+  return energy;
+}
+
+const Region& Elasticity::FindRegion(int number) const {
+  return *std::find_if(model_.regions.begin(), model_.regions.end(),
+                       [number](const Region& r) { return r.number == number; });
+}
+
+}  // namespace mjframes

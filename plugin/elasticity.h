@@ -1,0 +1,55 @@
+// Elasticity of a soft body: force f = −∂W/∂x on its control points and stiffness K, of all regions (the paper,
+// equations (9) and (10)).
+
+#ifndef MJFRAMES_PLUGIN_ELASTICITY_H_
+#define MJFRAMES_PLUGIN_ELASTICITY_H_
+
+#include <vector>
+
+#include "corotational.h"
+#include "kinematics.h"
+#include "linear.h"
+#include "quadrature.h"
+
+namespace mjframes {
+
+// What never changes.
+struct ElasticModel {
+  std::vector<Region> regions;               // of the law `corotational`, or with cells
+  std::vector<RegionBatch> batches;          // the same, side by side
+  std::vector<QuadratureRegion> quadrature;  // of another law at quadrature points
+  double enlargement = 1;                    // of their stiffness where d->M has no room for all of it [-]
+  bool enlarges = false;                     // whether d->M gets another stiffness than K
+};
+
+class Elasticity {
+ public:
+  Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs);
+
+  // Computes f and, if asked for, K. x: the control points [m].
+  void Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force);
+
+  // force −= K u. Neighbours among the pairs share their first point.
+  void SubtractProduct(const Vec3* u, Vec3* force) const;
+
+  // K as d->M gets it: 3×3 row-major block a pair.
+  const double* StiffnessForInertia() const { return model_.enlarges ? enlarged_.data() : stiffness_.data(); }
+
+  // W [J]
+  double Energy(const Vec3* x);
+
+  // The region of this number, which has to be there; not of a law at quadrature points.
+  const Region& FindRegion(int number) const;
+
+ private:
+  const ElasticModel& model_;
+  const std::vector<PointPair>& pairs_;
+  BatchScratch batch_scratch_;
+  QuadratureScratch quadrature_scratch_;
+  std::vector<double> stiffness_;  // K, 3×3 row-major block a pair
+  std::vector<double> enlarged_;   // empty where d->M has room for K
+};
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_ELASTICITY_H_
