@@ -26,7 +26,7 @@ constexpr std::array<int8_t, 256> MakeDigits() {
 
 constexpr std::array<int8_t, 256> kDigits = MakeDigits();
 
-// Decodes exactly `size` bytes of padded base64; false if the text holds more, fewer or other characters.
+// Decodes exactly `size` bytes of padded base64; false if the text has more, fewer or other characters.
 bool DecodeBase64(std::string_view text, std::byte* out, size_t size) {
   if (text.size() != (size + 2) / 3 * 4) return false;
   size_t written = 0;
@@ -63,7 +63,7 @@ bool Decode(std::string_view type, const char* value, std::vector<T>* out, std::
     *error = "has no valid element count";
     return false;
   }
-  // a count that the text cannot hold is refused before anything is allocated for it
+  // a count that the text has no room for is refused before anything is allocated for it
   const std::string_view data = text.substr(second + 1);
   const bool fits = count <= data.size();
   if (fits) out->resize(count);

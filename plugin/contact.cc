@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "constants.h"
 #include "linear.h"
 #include "patch_field.h"
 #include "touch.h"
@@ -11,9 +12,6 @@
 
 namespace mjframes {
 namespace {
-
-// A contact found again at the same place to rounding is the same; anything farther is another one.
-constexpr double kSamePlace = 1e-9;  // [m]
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
@@ -95,7 +93,7 @@ double RigidEntry(const mjModel* m, const mjData* d, int body, const Vec3& posit
 // The soft bodies on either side of a contact and what of them its point is made of.
 struct Sides {
   const Kinematics* kinematics[2];  // null for other geoms
-  const std::vector<Share>* share[2];
+  const std::vector<Moments>* moments[2];
 };
 
 // What the row measures on side s for a unit rate of degree of freedom `dof`.
@@ -105,23 +103,24 @@ double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, co
   const int body = m->geom_bodyid[contact.geom[s]];
   const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
   const Kinematics* kinematics = sides.kinematics[s];
-  const int n = kinematics ? kinematics->NodeOfDof(dof) : -1;
+  const int n = kinematics ? kinematics->MoverOfDof(dof) : -1;
   if (n < 0) return RigidEntry(m, d, body, position, measure, dof);
-  return kinematics->RowEntry((*sides.share[s])[n], local, n, dof - kinematics->nodes()[n].dof) +
+  return kinematics->RowEntry((*sides.moments[s])[n], local, n, dof - kinematics->movers()[n].dof) +
          RigidEntry(m, d, body, position, {{}, measure.about}, dof);
 }
 
-// The same where nodes only slide along the soft body's axes, and so move nothing else: ± Σ ω at and below each, times
+// The same where movers only slide along the soft body's axes, and so move nothing else: ± Σ ω at and below each, times
 // the direction in these axes.
-void WriteSlides(const std::vector<Node>& nodes, const Share* share, const Vec3& local, double sign, double* row) {
-  for (const Node& node : nodes) {
-    const double weight = (share++)->weight;
-    for (int a = 0; a < 3; a++) row[node.dof + a] = sign * (weight * local[a]);
+void WriteSlides(const std::vector<Mover>& movers, const Moments* moments, const Vec3& local, double sign,
+                 double* row) {
+  for (const Mover& mover : movers) {
+    const double weight = (moments++)->weight;
+    for (int a = 0; a < 3; a++) row[mover.dof + a] = sign * (weight * local[a]);
   }
 }
 
-// Overwrites the entries of row `r` of the contact for the degrees of freedom that the nodes of side s have; where they
-// are those of a robot's links, the other side may move with them too.
+// Overwrites the entries of row `r` of the contact for the degrees of freedom that the movers of side s have; where
+// they are those of a robot's links, the other side may move with them too.
 void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides& sides, int s, int r) {
   const int i = contact.efc_address + r;
   const bool sparse = mj_isSparse(m);
@@ -135,17 +134,17 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   }
   const double sign = s == 1 ? 1 : -1;
   if (!sparse && !kinematics.turning()) {
-    return WriteSlides(kinematics.nodes(), sides.share[s]->data(), local[s], sign, row);
+    return WriteSlides(kinematics.movers(), sides.moments[s]->data(), local[s], sign, row);
   }
   const bool flex = contact.geom[1 - s] < 0;
   const int own = m->geom_bodyid[contact.geom[s]], other = flex ? own : m->geom_bodyid[contact.geom[1 - s]];
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
-  for (size_t n = 0; n < kinematics.nodes().size(); n++) {
-    const Node& node = kinematics.nodes()[n];
-    for (int a = 0; a < node.dofs; a++) {
-      const int dof = node.dof + a;
-      // rows have room for what moves the two bodies, and islands know of no more: dense rows must not hold more either
+  for (size_t n = 0; n < kinematics.movers().size(); n++) {
+    const Mover& mover = kinematics.movers()[n];
+    for (int a = 0; a < mover.dofs; a++) {
+      const int dof = mover.dof + a;
+      // rows have room for what moves the two bodies, and islands know of no more: dense rows must not have more either
       if (!sparse && !MovesBody(m, dof, own) && !MovesBody(m, dof, other)) continue;
       if (flex && kinematics.turning() && MovesFlex(m, contact, dof)) continue;
       if (sparse) {
@@ -158,7 +157,7 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
       // slides of the soft body's own move nothing else
       row[entry] = sign * (kinematics.turning() ? SideEntry(m, d, contact, sides, s, measure, local[s], dof) -
                                                       SideEntry(m, d, contact, sides, 1 - s, measure, local[1 - s], dof)
-                                                : kinematics.RowEntry((*sides.share[s])[n], local[s], n, a));
+                                                : kinematics.RowEntry((*sides.moments[s])[n], local[s], n, a));
     }
   }
 }
@@ -174,9 +173,9 @@ void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const S
     const Kinematics& kinematics = side[s].body->kinematics();
     std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
     add(s, scratch->omega.data());
-    kinematics.PointShares(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->share[s]);
+    kinematics.PointMoments(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->moments[s]);
     sides.kinematics[s] = &kinematics;
-    sides.share[s] = &scratch->share[s];
+    sides.moments[s] = &scratch->moments[s];
   }
   for (int s = 0; s < 2; s++) {
     for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
@@ -199,7 +198,7 @@ void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, Con
 }  // namespace
 
 ContactScratch::ContactScratch(const mjModel* m)
-    : impedance(m), omega(kMaxCarried * m->nbody), share{std::vector<Share>(m->nv), std::vector<Share>(m->nv)} {}
+    : impedance(m), omega(kMaxCarried * m->nbody), moments{std::vector<Moments>(m->nv), std::vector<Moments>(m->nv)} {}
 
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {

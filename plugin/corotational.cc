@@ -144,7 +144,7 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   size_t points = 0;
   for (const RegionBatch& batch : batches) {
     points = std::max(points, static_cast<size_t>(batch.size));
-    share.resize(std::max(share.size(), batch.slope.size()));
+    curved.resize(std::max(curved.size(), batch.slope.size()));
   }
   const size_t lanes = kWideLanes * points;
   z.resize(3 * lanes);

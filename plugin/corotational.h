@@ -34,16 +34,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "constants.h"
 #include "laws/laws.h"
 #include "linear.h"
 #include "simd.h"
 
 namespace mjframes {
-
-// [-] of e, above which θ is 1: frames turned by less than 66° against their region and nowhere shortened below 0.4.
-inline constexpr double kAgreeing = 0.4;
-// [-] of e, below which θ is 0. Positive, so that ĝ has taken over before a frame is flat and can be turned over.
-inline constexpr double kOpposed = 0.1;
 
 // One cell of a region with m points.
 struct Cell {
@@ -66,8 +62,8 @@ struct Region {
   std::vector<int32_t> pair;       // pair of points of each block (j, k ≤ j) (m(m+1)/2)
   Law law;                         // of the cells
   std::vector<Cell> cells;         // none for the law `corotational`
-  double enlargement;              // of its stiffness where d->M cannot hold all of it, else 1 [-]
-  int number;                      // in the configuration
+  double enlargement;              // of its stiffness where d->M has no room for all of it, else 1 [-]
+  int number;                      // in the attributes
 
   int size() const { return static_cast<int>(point.size()); }
 };
@@ -92,8 +88,8 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R);
 //   K_jk = (2 − θ) R (K_e,jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ,   G_j = (U_j − ½ N_jᵀ (Zᵀ U)) (A Z)⁻¹,   U = K_e Z
 //
 // where with cells w is the energy's slope and U = H Z, H in place of K_e (corotational.h). (Z a)_j = a × z_j, A_j =
-// [h_j]× and N_j = (A Z)⁻¹ [h_j]×. Regions of about the same number of points share a batch; where one has fewer than
-// the largest, points without stiffness fill it up. Every array has eight lanes an entry.
+// [h_j]× and N_j = (A Z)⁻¹ [h_j]×. Regions of about the same number of points are in one batch; where one has fewer
+// than the largest, points without stiffness fill it up. Every array has eight lanes an entry.
 struct RegionBatch {
   int size;                             // m, of the largest
   std::vector<int32_t> point;           // control points                                            (m)
@@ -126,14 +122,14 @@ struct BatchScratch {
   std::vector<double> h;            // of A_j                             (m × 3 × 8)
   std::vector<double> product;      // K_e [y | Z], column by column      (m × 12 × 8)
   std::vector<double> g;            // G_j, row major                     (m × 9 × 8)
-  std::vector<double> share;        // V_q H_q E_q, as a batch's slope    (q × m × 9 × 3 × 8)
+  std::vector<double> curved;       // V_q H_q E_q, as a batch's slope    (q × m × 9 × 3 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
 };
 
 // The sum of the regions' elastic forces is added to `force`, and, where they are given, that of their stiffnesses to
-// `stiffness` and enlarged to `held`, one row-major 3×3 block a pair of control points. x: all control points [m].
+// `stiffness` and enlarged to `enlarged`, one row-major 3×3 block a pair of control points. x: all control points [m].
 void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScratch* scratch, Vec3* force,
-                double* stiffness, double* held);
+                double* stiffness, double* enlarged);
 
 }  // namespace mjframes
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "constants.h"
 #include "corotational.h"
 #include "hessian.h"
 #include "rotation.h"
@@ -8,20 +9,6 @@
 
 namespace mjframes {
 namespace {
-
-// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape
-// turns as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f
-// is not the exact gradient anyway, and steps along rotations that are not well determined overshoot: soft = θ
-// kSoftTwist + (1 − θ) kSoftTwistApart.
-constexpr double kSoftTwist = 0.1;       // [-]
-constexpr double kSoftTwistApart = 1.0;  // [-] half of what it is at rest
-
-// [-] of the sum of a shape's second moments: along a direction in which it reaches less far it does not show its turn.
-constexpr double kFlat = 1e-3;
-constexpr double kTiny = 1e-15;  // [m²] the same of a region that one point moves
-
-// [-] of A Z. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
-constexpr double kSingular = 1e-8;
 
 // A⁻¹; where A has rank two, as s (I − u uᵀ) for points along u, its pseudo-inverse; zero for less.
 Mat3 PseudoInverse(const Mat3& A) {
@@ -178,7 +165,7 @@ MJFRAMES_INLINE void AddShapeGradient(const Half<V>& half, const V& lambda, Batc
     for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
     for (int e = 0; e < 9; e++) moment[e] += shows * d[e / 3] * d[e % 3];
   }
-  const V floor = kFlat * (moment[0] + moment[4] + moment[8]) + kTiny;
+  const V floor = kFlatShape * (moment[0] + moment[4] + moment[8]) + kTinyShape;
   for (int e = 0; e < 9; e += 4) moment[e] += floor;
   const V determinant = Adjugate(moment, N);
   for (int j = 0; j < batch.size; j++) {
@@ -316,7 +303,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
           for (int s = 0; s < 3; s++) {
             V sum = H[9 * n] * E[s];
             for (int e = 1; e < 9; e++) sum += H[9 * n + e] * E[3 * e + s];
-            half.Put(sum, scratch->share.data(), first + 27 * static_cast<size_t>(j) + 3 * n + s);
+            half.Put(sum, scratch->curved.data(), first + 27 * static_cast<size_t>(j) + 3 * n + s);
           }
         }
       }
@@ -391,11 +378,11 @@ template <typename V>
 MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const BatchScratch& scratch, V* block) {
   const size_t first = static_cast<size_t>(q) * half.batch.size;
   for (int n = 0; n < 9; n++) {
-    V share[3];
-    for (int s = 0; s < 3; s++) share[s] = half.Of(scratch.share.data(), 27 * (first + k) + 3 * n + s);
+    V curved[3];
+    for (int s = 0; s < 3; s++) curved[s] = half.Of(scratch.curved.data(), 27 * (first + k) + 3 * n + s);
     for (int r = 0; r < 3; r++) {
       const V slope = half.Of(half.batch.slope.data(), 27 * (first + j) + 3 * n + r);
-      for (int s = 0; s < 3; s++) block[3 * r + s] += slope * share[s];
+      for (int s = 0; s < 3; s++) block[3 * r + s] += slope * curved[s];
     }
   }
 }
@@ -403,7 +390,7 @@ MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const Bat
 // (2 − θ) R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
 template <typename V>
 MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& theta, const BatchScratch& scratch,
-                                  double* stiffness, double* held) {
+                                  double* stiffness, double* enlarged) {
   V scaled[9];
   for (int e = 0; e < 9; e++) scaled[e] = (2.0 - theta) * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
@@ -434,16 +421,16 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& thet
         block[e] = row[0] * axis[0] + row[1] * axis[1] + row[2] * axis[2];
       }
       Scatter(block, pair, stiffness);
-      if (!held) continue;
+      if (!enlarged) continue;
       for (V& b : block) b *= enlargement;
-      Scatter(block, pair, held);
+      Scatter(block, pair, enlarged);
     }
   }
 }
 
 template <typename V>
 MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force,
-                                double* stiffness, double* held) {
+                                double* stiffness, double* enlarged) {
   for (int first = 0; first < kWideLanes; first += kWidth<V>) {
     const Half<V> half{batch, first};
     V R[9], S[9], inverse[9];
@@ -465,19 +452,19 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
     AddForce(half, R, inverse, *scratch, force);
     if (!stiffness) continue;
     Correct(half, inverse, scratch);
-    AddStiffness(half, R, theta, *scratch, stiffness, held);
+    AddStiffness(half, R, theta, *scratch, stiffness, enlarged);
   }
 }
 
 void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
-              double* held) {
-  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, x, scratch, force, stiffness, held); });
+              double* enlarged) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, x, scratch, force, stiffness, enlarged); });
 }
 
 }  // namespace
 
 void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScratch* scratch, Vec3* force,
-                double* stiffness, double* held) {
+                double* stiffness, double* enlarged) {
   if (batches.empty()) return;
   // a body turns as a whole: one region shows the others where to start
   const RegionBatch& first = batches.front();
@@ -489,7 +476,7 @@ void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScr
   }
   const Mat3 R = ClosestRotation(F, kIdentity);
   for (int e = 0; e < 9; e++) std::fill_n(scratch->rotation + kWideLanes * e, kWideLanes, R[e]);
-  for (const RegionBatch& batch : batches) AddBatch(batch, x, scratch, force, stiffness, held);
+  for (const RegionBatch& batch : batches) AddBatch(batch, x, scratch, force, stiffness, enlarged);
 }
 
 }  // namespace mjframes

@@ -6,7 +6,7 @@
 #ifndef MJFRAMES_PLUGIN_DEFORMED_H_
 #define MJFRAMES_PLUGIN_DEFORMED_H_
 
-#include "lattice.h"
+#include "distance_field.h"
 #include "linear.h"
 #include "patch.h"
 
@@ -14,16 +14,16 @@ namespace mjframes {
 
 class DeformedPatch {
  public:
-  // x: where the control points are in the world, by control point [m]; those that the patch's rows hold.
+  // x: where the control points are in the world, by control point [m]; those that the patch's rows have.
   DeformedPatch(const ContactModel& contact, int patch, const Vec3* x);
 
-  bool Near(const Vec3& xi, double error) const { return volume_.Near(lattice_, xi, error); }
+  bool Near(const Vec3& xi, double error) const { return volume_.Near(field_, xi, error); }
 
   // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
-  // and no farther than a cell outside.
+  // and no farther than a cube outside.
   bool Find(const Vec3& p, bool own, Vec3* xi) const {
-    Cell cell;
-    return Find(p, own, xi, &cell);
+    Cube cube;
+    return Find(p, own, xi, &cube);
   }
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
@@ -32,8 +32,8 @@ class DeformedPatch {
 
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
   bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {
-    Cell cell;
-    return Surface(xi, &cell, position, normal);
+    Cube cube;
+    return Surface(xi, &cube, position, normal);
   }
 
   // weight[j] += scale W_j(ξ) for all control points j.
@@ -46,21 +46,21 @@ class DeformedPatch {
   const Patch& patch() const { return contact_.patches[patch_]; }
 
  private:
-  struct Cell {
+  struct Cube {
     int nodes[8] = {-1};
     Vec3 x[8];  // deformed [m]
   };
 
-  bool Find(const Vec3& p, bool own, Vec3* xi, Cell* cell) const;
-  bool Surface(const Vec3& xi, Cell* cell, Vec3* position, Vec3* normal) const;
+  bool Find(const Vec3& p, bool own, Vec3* xi, Cube* cube) const;
+  bool Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal) const;
 
   bool Owns(const int* nodes) const;
   bool Nearest(const int* nodes, const Vec3& fraction) const;
-  bool Deform(const int* nodes, Cell* cell) const;  // if it is another than before
+  bool Deform(const int* nodes, Cube* cube) const;  // if it is another than before
 
   const ContactModel& contact_;
   const Vec3* x_;
-  const Lattice& lattice_;
+  const DistanceField& field_;
   const PatchVolume& volume_;
   int patch_;
 };

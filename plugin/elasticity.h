@@ -29,7 +29,7 @@ class Elasticity {
   // Computes f and, if asked for, K. x: the control points [m].
   void Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force);
 
-  // force −= K u. Neighbours among the pairs share their first point.
+  // force −= K u. Neighbours among the pairs have the same first point.
   void SubtractProduct(const Vec3* u, Vec3* force) const;
 
   // K as d->M gets it: 3×3 row-major block a pair.

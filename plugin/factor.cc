@@ -3,13 +3,11 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "constants.h"
 #include "simd.h"
 
 namespace mjframes {
 namespace {
-
-constexpr int kMaxChain = 16;  // longer ones are cut: their U stays in the first-level cache
-constexpr int kTile = 4;       // rows that are updated together
 
 int PadToTile(int n) { return (n + kTile - 1 + kWideLanes - 1) / kWideLanes * kWideLanes; }
 

@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "shared.h"
+#include "constants.h"
+#include "interned.h"
 
 namespace mjframes {
 namespace {
 
-constexpr int kEdgePoints = 3;      // between the corners of a box: quarters
-constexpr int kRimPoints = 16;      // of a cylinder: between them the rim bulges by 2 % of the radius
-constexpr int kCapsulePoints = 17;  // at most
 constexpr double kPi = 3.14159265358979323846;
 
 int Octant(const Vec3& p) { return (p[0] > 0) + 2 * (p[1] > 0) + 4 * (p[2] > 0); }
@@ -56,7 +54,7 @@ CollisionMeshes FindCollisionMeshes(const mjModel* m) {
     Key key;
     key.Add(m->mesh_vert + 3 * m->mesh_vertadr[mesh], 3 * static_cast<size_t>(m->mesh_vertnum[mesh]));
     key.Add(graph, 2 + 3 * static_cast<size_t>(graph[0]) + 6 * static_cast<size_t>(graph[1]));
-    meshes[mesh] = Shared<CollisionMesh>(key.text(), [&] { return std::make_unique<const CollisionMesh>(m, mesh); });
+    meshes[mesh] = Interned<CollisionMesh>(key.text(), [&] { return std::make_unique<const CollisionMesh>(m, mesh); });
   }
   return meshes;
 }

@@ -1,7 +1,7 @@
 // Points of rigid geoms that are sharp or small: they may fall between the vertices of a patch.
 //
 // Corners and edges of boxes, rims of cylinders, hull vertices of meshes, and balls: a sphere is one, a capsule a row.
-// An ellipsoid's is its support point against the soft surface. Points that are close share one contact.
+// An ellipsoid's is its support point against the soft surface. Points that are close have one contact.
 
 #ifndef MJFRAMES_PLUGIN_GEOM_FEATURES_H_
 #define MJFRAMES_PLUGIN_GEOM_FEATURES_H_
@@ -11,13 +11,12 @@
 #include <memory>
 #include <vector>
 
+#include "constants.h"
 #include "hull.h"
 #include "linear.h"
 #include "patch.h"
 
 namespace mjframes {
-
-inline constexpr int kMaxFeatureClusters = 8;
 
 // Features begin … end of a geom, and a box around them in the geom's axes.
 struct FeatureCluster {

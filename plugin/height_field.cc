@@ -3,19 +3,18 @@
 #include <algorithm>
 #include <cmath>
 
+#include "constants.h"
 #include "triangle.h"
 
 namespace mjframes {
 namespace {
-
-constexpr double kTiny = 1e-9;  // [m] below this an offset is rounding and has no direction
 
 // A height field's grid. Columns run along x, rows along y.
 struct Grid {
   const float* data;
   int rows, columns;
   double sx, sy, height, base;  // half sizes, elevation of data 1, depth of the base [m]
-  double dx, dy;                // of a cell [m]
+  double dx, dy;                // of a square [m]
 
   Vec3 Corner(int r, int c) const { return {dx * c - sx, dy * r - sy, height * data[r * columns + c]}; }
 
@@ -27,7 +26,7 @@ struct Grid {
     const int c = Column(x), r = Row(y);
     const double u = (x + sx) / dx - c, v = (y + sy) / dy - r;
     const double near = Corner(r, c)[2], far = Corner(r + 1, c + 1)[2];
-    // on either side of the diagonal: slopes along the two edges of the cell that the triangle has
+    // on either side of the diagonal: slopes along the two edges of the square that the triangle has
     return u > v ? near + u * (Corner(r, c + 1)[2] - near) + v * (far - Corner(r, c + 1)[2])
                  : near + v * (Corner(r + 1, c)[2] - near) + u * (far - Corner(r + 1, c)[2]);
   }
@@ -49,7 +48,7 @@ Grid GridOf(const mjModel* m, int field) {
 
 double Outside(double x, double low, double high) { return std::max({low - x, x - high, 0.0}); }
 
-// Brings `closest` to the nearest point of the triangles if that is nearer than `best`, and `best` with it. Cells are
+// Brings `closest` to the nearest point of the triangles if that is nearer than `best`, and `best` with it. Squares are
 // searched in rings around p; a ring that is farther than `best` or `reach` ends the search.
 void SearchTriangles(const Grid& grid, const Vec3& p, double reach, double* best, Vec3* closest, Vec3* up) {
   const int column = grid.Column(p[0]), row = grid.Row(p[1]);
@@ -117,7 +116,7 @@ double HeightFieldDistance(const mjModel* m, int field, const Vec3& p, double re
   }
   SearchTriangles(grid, p, inside ? mjMAXVAL : reach, &best, &closest, &up);
   const double sign = inside ? -1 : 1;
-  *normal = best > kTiny ? (sign / best) * (p - closest) : up;
+  *normal = best > kOnTerrain ? (sign / best) * (p - closest) : up;
   return sign * best;
 }
 

@@ -1,6 +1,6 @@
 // Signed distance to a height field: the solid between its triangles and its base, as MuJoCo collides it.
 //
-// Each cell of the grid is cut along the diagonal from its corner (row r, column c) to (r + 1, c + 1). The solid ends
+// Each square of the grid is cut along the diagonal from its corner (row r, column c) to (r + 1, c + 1). The solid ends
 // at four side walls and at the base, size[3] below zero.
 
 #ifndef MJFRAMES_PLUGIN_HEIGHT_FIELD_H_

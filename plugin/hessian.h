@@ -14,21 +14,18 @@
 // taken by their magnitude (Chen et al., Stabler Neo-Hookean Simulation, 2024): with zero for negative ones a crumpled
 // body had nothing but its mass against a large force there, and steps of 4 ms threw it apart. On the way to rest some
 // pass through zero where the stress does not, and the step grows without bound: a stiff bar of ten times its length
-// flew apart. So a block's eigenvalue λ along n becomes max(|λ|, |p·n| / (kReach max(1, σ₀))), p the principal
+// flew apart. So a block's eigenvalue λ along n becomes max(|λ|, |p·n| / (kLongestStep max(1, σ₀))), p the principal
 // stresses: no step of Newton's goes further than that.
 
 #ifndef MJFRAMES_PLUGIN_HESSIAN_H_
 #define MJFRAMES_PLUGIN_HESSIAN_H_
 
+#include "constants.h"
 #include "laws/laws.h"
 #include "simd.h"
 #include "svd.h"
 
 namespace mjframes {
-
-inline constexpr double kCertain = 1.001;  // [-] beyond which an eigenvalue is certainly above its bound …
-inline constexpr double kRounding = 1e-6;  // … and, of |A|, above zero
-inline constexpr double kReach = 1;        // [-] the longest Newton step, in F; strains well below it are not affected
 
 template <typename T>
 struct Invariants {
@@ -155,7 +152,7 @@ MJFRAMES_INLINE void ProjectedHessian(const T* F, const Slopes<T>& of, T* H) {
     same[k] = 0.5 * (flip + twist);
     crossed[k] = 0.5 * (flip - twist);
   }
-  ProjectBlock(p, kReach * (sigma[0] > 1.0 ? sigma[0] : Fill<T>(1)), A);
+  ProjectBlock(p, kLongestStep * (sigma[0] > 1.0 ? sigma[0] : Fill<T>(1)), A);
 
   // H = Σ M_ij ⊗ R_ij, M_ij = u_i v_jᵀ
   T M[9][9], R[9][9];

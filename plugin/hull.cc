@@ -4,16 +4,11 @@
 #include <cmath>
 #include <numeric>
 
+#include "constants.h"
 #include "triangle.h"
 
 namespace mjframes {
 namespace {
-
-constexpr int kFewFaces = 128;  // that are looked at one by one
-constexpr int kLeafFaces = 8;
-constexpr int kMostDepth = 64;  // of the tree, which is balanced
-constexpr size_t kMostCorners = 512;
-constexpr double kGoldenAngle = 2.39996322972865332;  // [rad]
 
 Vec3 Fill3(double value) { return {value, value, value}; }
 
@@ -89,21 +84,21 @@ Hull::Hull(std::vector<Vec3> vertices, const std::vector<std::array<int, 3>>& fa
   if (n <= kFewFaces) return;
   order_.resize(n);
   std::iota(order_.begin(), order_.end(), 0);
-  AddNode(0, n);
+  AddBranch(0, n);
 }
 
-void Hull::AddNode(int begin, int end) {
-  const size_t number = nodes_.size();
-  Node node = {begin, end, -1, Fill3(mjMAXVAL), Fill3(-mjMAXVAL), Fill3(mjMAXVAL), Fill3(-mjMAXVAL), mjMAXVAL};
+void Hull::AddBranch(int begin, int end) {
+  const size_t number = branches_.size();
+  Branch branch = {begin, end, -1, Fill3(mjMAXVAL), Fill3(-mjMAXVAL), Fill3(mjMAXVAL), Fill3(-mjMAXVAL), mjMAXVAL};
   for (int i = begin; i < end; i++) {
     const int f = order_[i];
-    for (const int v : faces_[f]) Include(vertices_[v], &node.low, &node.high);
-    Include({nx_[f], ny_[f], nz_[f]}, &node.n_low, &node.n_high);
-    node.offset_low = std::min(node.offset_low, offset_[f]);
+    for (const int v : faces_[f]) Include(vertices_[v], &branch.low, &branch.high);
+    Include({nx_[f], ny_[f], nz_[f]}, &branch.n_low, &branch.n_high);
+    branch.offset_low = std::min(branch.offset_low, offset_[f]);
   }
-  nodes_.push_back(node);
+  branches_.push_back(branch);
   if (end - begin <= kLeafFaces) return;
-  const Vec3 size = node.high - node.low;
+  const Vec3 size = branch.high - branch.low;
   const auto axis = std::max_element(size.begin(), size.end()) - size.begin();
   const auto along = [&](int f) {
     return vertices_[faces_[f][0]][axis] + vertices_[faces_[f][1]][axis] + vertices_[faces_[f][2]][axis];
@@ -111,9 +106,9 @@ void Hull::AddNode(int begin, int end) {
   const int half = (begin + end) / 2;
   std::nth_element(order_.begin() + begin, order_.begin() + half, order_.begin() + end,
                    [&](int f, int g) { return along(f) < along(g) || (along(f) == along(g) && f < g); });
-  AddNode(begin, half);
-  nodes_[number].second = static_cast<int>(nodes_.size());
-  AddNode(half, end);
+  AddBranch(begin, half);
+  branches_[number].second = static_cast<int>(branches_.size());
+  AddBranch(half, end);
 }
 
 std::vector<Vec3> Hull::Corners() const {
@@ -135,10 +130,10 @@ std::vector<Vec3> Hull::Corners() const {
   return corners;
 }
 
-double Hull::HighestPlane(const Node& node, const Vec3& p) {
+double Hull::HighestPlane(const Branch& branch, const Vec3& p) {
   double sum = 0;
-  for (int i = 0; i < 3; i++) sum += std::max(node.n_low[i] * p[i], node.n_high[i] * p[i]);
-  return sum - node.offset_low;
+  for (int i = 0; i < 3; i++) sum += std::max(branch.n_low[i] * p[i], branch.n_high[i] * p[i]);
+  return sum - branch.offset_low;
 }
 
 void Hull::Nearer(int f, const Vec3& p, double* best, int* found, Vec3* normal) const {
@@ -172,8 +167,8 @@ double Hull::DistanceByAll(const Vec3& p, double reach, Vec3* normal) const {
 }
 
 double Hull::Distance(const Vec3& p, double reach, Vec3* normal) const {
-  if (nodes_.empty()) return DistanceByAll(p, reach, normal);
-  const Node& whole = nodes_.front();
+  if (branches_.empty()) return DistanceByAll(p, reach, normal);
+  const Branch& whole = branches_.front();
   *normal = {0, 0, 1};
   if (Outside(whole.low, whole.high, p) > reach) return mjMAXVAL;
   int stack[kMostDepth], waiting = 0;
@@ -181,26 +176,26 @@ double Hull::Distance(const Vec3& p, double reach, Vec3* normal) const {
   int found = -1;
   for (stack[waiting++] = 0; waiting > 0;) {
     const int number = stack[--waiting];
-    const Node& node = nodes_[number];
-    if (Outside(node.low, node.high, p) > best || !(HighestPlane(node, p) > 0)) continue;
-    if (node.second < 0) {
-      for (int i = node.begin; i < node.end; i++) Nearer(order_[i], p, &best, &found, normal);
+    const Branch& branch = branches_[number];
+    if (Outside(branch.low, branch.high, p) > best || !(HighestPlane(branch, p) > 0)) continue;
+    if (branch.second < 0) {
+      for (int i = branch.begin; i < branch.end; i++) Nearer(order_[i], p, &best, &found, normal);
       continue;
     }
-    const Node &first = nodes_[number + 1], &second = nodes_[node.second];
+    const Branch &first = branches_[number + 1], &second = branches_[branch.second];
     const bool swap = Outside(second.low, second.high, p) < Outside(first.low, first.high, p);
-    stack[waiting++] = swap ? number + 1 : node.second;  // the nearer one is next
-    stack[waiting++] = swap ? node.second : number + 1;
+    stack[waiting++] = swap ? number + 1 : branch.second;  // the nearer one is next
+    stack[waiting++] = swap ? branch.second : number + 1;
   }
   if (found >= 0) return best;
   double farthest = -mjMAXVAL;
   int face = 0;
   for (stack[waiting++] = 0; waiting > 0;) {
     const int number = stack[--waiting];
-    const Node& node = nodes_[number];
-    if (HighestPlane(node, p) < farthest) continue;
-    if (node.second < 0) {
-      for (int i = node.begin; i < node.end; i++) {
+    const Branch& branch = branches_[number];
+    if (HighestPlane(branch, p) < farthest) continue;
+    if (branch.second < 0) {
+      for (int i = branch.begin; i < branch.end; i++) {
         const double above = Plane(order_[i], p);
         if (!(above > farthest || (above == farthest && order_[i] < face))) continue;
         farthest = above;
@@ -209,9 +204,9 @@ double Hull::Distance(const Vec3& p, double reach, Vec3* normal) const {
       if (farthest > 0) return mjMAXVAL;  // outside, and no face is within reach
       continue;
     }
-    const bool swap = HighestPlane(nodes_[node.second], p) > HighestPlane(nodes_[number + 1], p);
-    stack[waiting++] = swap ? number + 1 : node.second;
-    stack[waiting++] = swap ? node.second : number + 1;
+    const bool swap = HighestPlane(branches_[branch.second], p) > HighestPlane(branches_[number + 1], p);
+    stack[waiting++] = swap ? number + 1 : branch.second;
+    stack[waiting++] = swap ? branch.second : number + 1;
   }
   *normal = {nx_[face], ny_[face], nz_[face]};
   return farthest;

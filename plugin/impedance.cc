@@ -38,7 +38,7 @@ double AssumedInverse(const mjModel* m, const mjData* d, const mjContact& contac
   return IsPyramid(m, contact) ? first / (2 * contact.mu * contact.mu * (1 + slope * slope)) : first;
 }
 
-// Rows of one direction in space share their R, or it would depend on the axes: those of a connect, and of a weld's
+// Rows of one direction in space have one R, or it would depend on the axes: those of a connect, and of a weld's
 // translation and rotation.
 int RowsTogether(const mjModel* m, const mjData* d, int i) {
   if (d->efc_type[i] != mjCNSTR_EQUALITY || (m->opt.enableflags & mjENBL_DIAGEXACT)) return 1;
@@ -80,7 +80,7 @@ void Impedance::Start(const mjModel* m, const mjData* d) {
 }
 
 void Impedance::Mark(const Kinematics& kinematics) {
-  for (const Node& node : kinematics.nodes()) std::fill_n(marked_.begin() + node.dof, node.dofs, 1);
+  for (const Mover& mover : kinematics.movers()) std::fill_n(marked_.begin() + mover.dof, mover.dofs, 1);
 }
 
 bool Impedance::RowConcerns(const mjModel* m, const mjData* d, int i) const {

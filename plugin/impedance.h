@@ -1,4 +1,4 @@
-// R of constraint rows, for the effective inertia A that d->M holds.
+// R of constraint rows, for the effective inertia A in d->M.
 //
 // R is (1 − imp)/imp times the inverse inertia that a row sees. MuJoCo took that of bodies without elasticity before
 // the plugin added to d->M; here it is J A⁻¹ Jᵀ. Without that soft bodies hang and stand as deep as their single points

@@ -1,16 +1,16 @@
 // Kinematics::StoreInertia: Jᵀ B J of all pairs of control points into d->M.
 //
-//   at nodes (n, u ≤ n): S_nᵀ (Σ_jk X_jᵀ B_jk X_k) S_u,   j at and below n, k at and below u
+//   at movers (n, u ≤ n): S_nᵀ (Σ_jk X_jᵀ B_jk X_k) S_u,   j at and below n, k at and below u
 //
-// The blocks of the node pairs are summed over subtrees, first by rows, from the leaves up, then by columns, along each
-// path. What the points of one node and of another add to a third pair above both is in the sums of both.
+// The blocks of the mover pairs are summed over subtrees, first by rows, from the leaves up, then by columns, along
+// each path. What the points of one mover and of another add to a third pair above both is in the sums of both.
 //
-// Where a node turns by δθ, its points x_j = c + r_j also move by δθ × (δθ × r_j)/2 against the gradients g = −f of the
-// elastic energy:
+// Where a mover turns by δθ, its points x_j = c + r_j also move by δθ × (δθ × r_j)/2 against the gradients g = −f of
+// the elastic energy:
 //
 //   δ²E = … + δθᵀ K_n δθ,   K_n = Σ_j ½ (r_j g_jᵀ + g_j r_jᵀ) − (r_j·g_j) I
 //
-// K_n is held in the inertia with the magnitudes of its eigenvalues, as hessian.h does: without it large forces turned
+// K_n enters the inertia with the magnitudes of its eigenvalues, as hessian.h does: without it large forces turned
 // light frames by radians in a step. It damps nothing, unlike K: stressed bodies may spin as a whole. Bodies that have
 // points on slides too go without: they return from any shape as they are, and with it some overshot.
 
@@ -24,7 +24,7 @@
 namespace mjframes {
 namespace {
 
-// Σ += block, seen from the twists of the two nodes.
+// Σ += block, seen from the twists of the two movers.
 void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed, double* sum) {
   const Mat3 right = Mul(block, Skew(-1.0 * xk));  // X_k = [I, −[x_k]×]
   const Mat3 left = Skew(xj);
@@ -37,9 +37,9 @@ void AddBlock(const Mat3& block, const Vec3& xj, const Vec3& xk, bool transposed
   }
 }
 
-// Translations of all points strain nothing: their columns (and rows) hold mass alone, to the last digit. Summed from
+// Translations of all points strain nothing: their columns (and rows) are mass alone, to the last digit. Summed from
 // blocks of K they would be its rounding errors, as large as M where h²K/m is 1e16.
-void StripTranslation(const Share& load, bool rows, double* total) {
+void StripTranslation(const Moments& load, bool rows, double* total) {
   const Mat3 moment = Skew(load.moment);
   for (int r = 0; r < 6; r++) {
     for (int c = 0; c < 3; c++) {
@@ -49,12 +49,12 @@ void StripTranslation(const Share& load, bool rows, double* total) {
   }
 }
 
-// Σ B of the node pairs that slide, 9 a pair, and the mass at each node into `weight`.
+// Σ B of the mover pairs that slide, 9 a pair, and the mass at each mover into `weight`.
 void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoint>& points, const double* stiffness,
               double scale, const double* mass, double* __restrict sums, double* __restrict weight) {
   for (size_t i = 0; i < pairs.size(); i++) {
     const PointPair& pair = pairs[i];
-    const int nj = points[pair.j].node, nk = points[pair.k].node;
+    const int nj = points[pair.j].mover, nk = points[pair.k].mover;
     if (nj >= 0) weight[nj] += mass[i];
     if (nk >= 0 && pair.j != pair.k) weight[nk] += mass[i];
     if (pair.sum < 0) continue;
@@ -71,18 +71,18 @@ void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoin
   }
 }
 
-// By rows: a node's own pair becomes the sum over its subtree's square.
-void SumSubtrees(const std::vector<Node>& nodes, double* sums, double* weight) {
-  for (size_t n = nodes.size(); n-- > 1;) {
-    const Node& node = nodes[n];
-    if (node.parent < 0) continue;
-    const Node& parent = nodes[node.parent];
-    weight[node.parent] += weight[n];
-    const double* __restrict row = sums + 9 * static_cast<size_t>(node.pair);
+// By rows: a mover's own pair becomes the sum over its subtree's square.
+void SumSubtrees(const std::vector<Mover>& movers, double* sums, double* weight) {
+  for (size_t n = movers.size(); n-- > 1;) {
+    const Mover& mover = movers[n];
+    if (mover.parent < 0) continue;
+    const Mover& parent = movers[mover.parent];
+    weight[mover.parent] += weight[n];
+    const double* __restrict row = sums + 9 * static_cast<size_t>(mover.pair);
     double* __restrict into = sums + 9 * static_cast<size_t>(parent.pair);
     for (int e = 0; e < 9 * parent.depth; e++) into[e] += row[e];
     const double* cross = row + 9 * parent.depth;
-    const double* own = row + 9 * node.depth;
+    const double* own = row + 9 * mover.depth;
     into += 9 * parent.depth;
     for (int e = 0; e < 9; e++) into[e] += own[e] + cross[e] + cross[3 * (e % 3) + e / 3];
   }
@@ -106,9 +106,9 @@ void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
   if (!stiffens_) return;
   std::fill(turn_.begin(), turn_.end(), Mat3{});
   for (size_t j = 0; j < points_.size(); j++) {
-    const int n = points_[j].node;
+    const int n = points_[j].mover;
     if (n < 0) continue;
-    const mjtNum* at = d->xpos + 3 * nodes_[n].body;
+    const mjtNum* at = d->xpos + 3 * movers_[n].body;
     const Vec3 r = x_[j] - PositionToLocal(d, {at[0], at[1], at[2]});
     const Vec3& f = force[j];
     const double along = Dot(r, f);
@@ -117,8 +117,8 @@ void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
     }
   }
   constexpr Lanes kNoForce[3] = {};
-  for (size_t first = 0; first < nodes_.size(); first += kLanes) {  // as many nodes at once
-    const size_t count = std::min<size_t>(kLanes, nodes_.size() - first);
+  for (size_t first = 0; first < movers_.size(); first += kLanes) {  // as many movers at once
+    const size_t count = std::min<size_t>(kLanes, movers_.size() - first);
     Lanes K[9] = {};
     for (size_t i = 0; i < count; i++) {
       for (int e = 0; e < 9; e++) K[e][i] = turn_[first + i][e];
@@ -131,8 +131,8 @@ void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
 }
 
 void Kinematics::AddTurns(double stiffness_scale) {
-  for (size_t n = 0; n < nodes_.size(); n++) {
-    double* sum = sum_.data() + 36 * static_cast<size_t>(nodes_[n].pair + nodes_[n].depth);
+  for (size_t n = 0; n < movers_.size(); n++) {
+    double* sum = sum_.data() + 36 * static_cast<size_t>(movers_[n].pair + movers_[n].depth);
     for (int a = 0; a < 3; a++) {
       for (int b = 0; b < 3; b++) sum[6 * (3 + a) + 3 + b] += stiffness_scale * turn_[n][3 * a + b];
     }
@@ -150,33 +150,33 @@ void Kinematics::StoreSlideInertia(const double* stiffness, double stiffness_sca
   std::fill(sum_.begin(), sum_.end(), 0.0);
   std::fill(weight_.begin(), weight_.end(), 0.0);
   SumPairs(pairs_, points_, stiffness, stiffness_scale, mass, sum_.data(), weight_.data());
-  SumSubtrees(nodes_, sum_.data(), weight_.data());
-  for (size_t n = 0; n < nodes_.size(); n++) {
-    const Node& node = nodes_[n];
-    double* row = sum_.data() + 9 * static_cast<size_t>(node.pair);
-    SumPath(row, node.depth);
+  SumSubtrees(movers_, sum_.data(), weight_.data());
+  for (size_t n = 0; n < movers_.size(); n++) {
+    const Mover& mover = movers_[n];
+    double* row = sum_.data() + 9 * static_cast<size_t>(mover.pair);
+    SumPath(row, mover.depth);
     if (free_) {  // see StripTranslation
       for (int e = 0; e < 9; e++) row[e] = e % 4 == 0 ? weight_[n] : 0;
     }
-    const int* entry = entry_.data() + node.entry;  // of a row of d->M, whose columns of one path are neighbours
-    for (int a = 0; a < 3; entry += 3 * node.depth + a + 1, a++) {
+    const int* entry = entry_.data() + mover.entry;  // of a row of d->M, whose columns of one path are neighbours
+    for (int a = 0; a < 3; entry += 3 * mover.depth + a + 1, a++) {
       double* M = d->M + *entry;
-      const int columns = 3 * node.depth + a + 1;
+      const int columns = 3 * mover.depth + a + 1;
       if (replaces_) {
         std::fill_n(M, columns, 0.0);
-        for (int b = a; b < columns; b += 3) M[b] = d->crb[10 * node.body + 9];
-        M[columns - 1] += m->dof_armature[node.dof + a];
+        for (int b = a; b < columns; b += 3) M[b] = d->crb[10 * mover.body + 9];
+        M[columns - 1] += m->dof_armature[mover.dof + a];
       }
       for (int b = 0; b < columns; b++) M[b] += row[9 * (b / 3) + 3 * a + b % 3];
     }
   }
 }
 
-// Row sums of the mass at and below each node, and their moments.
+// Row sums of the mass at and below each mover, and their moments.
 void Kinematics::SumMass(const double* mass) {
-  std::fill(load_.begin(), load_.end(), Share{});
+  std::fill(load_.begin(), load_.end(), Moments{});
   const auto add = [this](int j, double m) {
-    Share& load = load_[points_[j].node];
+    Moments& load = load_[points_[j].mover];
     load.weight += m;
     load.moment = load.moment + m * lever_[j];
   };
@@ -184,8 +184,8 @@ void Kinematics::SumMass(const double* mass) {
     add(pairs_[i].j, mass[i]);
     if (pairs_[i].j != pairs_[i].k) add(pairs_[i].k, mass[i]);
   }
-  for (size_t n = nodes_.size(); n-- > 1;) {
-    Share& into = load_[nodes_[n].parent];
+  for (size_t n = movers_.size(); n-- > 1;) {
+    Moments& into = load_[movers_[n].parent];
     into.weight += load_[n].weight;
     into.moment = into.moment + load_[n].moment;
   }
@@ -202,41 +202,41 @@ void Kinematics::StoreTurningInertia(const double* stiffness, double stiffness_s
     for (int r = 0; r < 3; r++) block[4 * r] += mass[i];
     double* sum = sum_.data() + kSize * static_cast<size_t>(pair.sum);
     AddBlock(block, lever_[pair.j], lever_[pair.k], pair.flip, sum);
-    if (pair.j != pair.k && points_[pair.j].node == points_[pair.k].node) {
+    if (pair.j != pair.k && points_[pair.j].mover == points_[pair.k].mover) {
       AddBlock(block, lever_[pair.j], lever_[pair.k], true, sum);
     }
   }
   if (stiffens_) AddTurns(stiffness_scale);
   if (free_) SumMass(mass);
-  // rows: over subtrees, from the leaves up; a node's own pair becomes the sum over its subtree's square
-  for (size_t n = nodes_.size(); n-- > 1;) {
-    const Node& node = nodes_[n];
-    if (node.parent < 0) continue;
-    const Node& parent = nodes_[node.parent];
-    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
+  // rows: over subtrees, from the leaves up; a mover's own pair becomes the sum over its subtree's square
+  for (size_t n = movers_.size(); n-- > 1;) {
+    const Mover& mover = movers_[n];
+    if (mover.parent < 0) continue;
+    const Mover& parent = movers_[mover.parent];
+    const double* row = sum_.data() + kSize * static_cast<size_t>(mover.pair);
     double* into = sum_.data() + kSize * static_cast<size_t>(parent.pair);
     for (int e = 0; e < kSize * parent.depth; e++) into[e] += row[e];
     const double* cross = row + kSize * parent.depth;
-    const double* own = row + kSize * node.depth;
+    const double* own = row + kSize * mover.depth;
     double* parent_own = into + kSize * parent.depth;
     for (int e = 0; e < kSize; e++) parent_own[e] += own[e] + cross[e] + cross[6 * (e % 6) + e / 6];
   }
-  // columns: along each path, from the node up to the outermost one
-  for (const Node& node : nodes_) {
+  // columns: along each path, from the mover up to the outermost one
+  for (const Mover& mover : movers_) {
     double total[kSize] = {};
-    const double* row = sum_.data() + kSize * static_cast<size_t>(node.pair);
-    int columns = 0;  // of the path above and of this node
-    for (int n = static_cast<int>(&node - nodes_.data()); n >= 0; n = nodes_[n].parent) columns += nodes_[n].dofs;
-    const int above = columns - node.dofs;
-    int n = static_cast<int>(&node - nodes_.data()), first = above;
-    for (int depth = node.depth; depth >= 0; depth--, n = nodes_[n].parent) {
-      const Node& upper = nodes_[n];
+    const double* row = sum_.data() + kSize * static_cast<size_t>(mover.pair);
+    int columns = 0;  // of the path above and of this mover
+    for (int n = static_cast<int>(&mover - movers_.data()); n >= 0; n = movers_[n].parent) columns += movers_[n].dofs;
+    const int above = columns - mover.dofs;
+    int n = static_cast<int>(&mover - movers_.data()), first = above;
+    for (int depth = mover.depth; depth >= 0; depth--, n = movers_[n].parent) {
+      const Mover& upper = movers_[n];
       for (int e = 0; e < kSize; e++) total[e] += row[kSize * depth + e];
-      if (free_ && depth == 0) StripTranslation(load_[&node - nodes_.data()], depth == node.depth, total);
-      const int* entry = entry_.data() + node.entry + first;
-      for (int a = 0; a < node.dofs; a++) {
-        const int count = depth == node.depth ? a + 1 : upper.dofs;
-        const double* Sa = twist_.data() + 6 * (node.twist + a);
+      if (free_ && depth == 0) StripTranslation(load_[&mover - movers_.data()], depth == mover.depth, total);
+      const int* entry = entry_.data() + mover.entry + first;
+      for (int a = 0; a < mover.dofs; a++) {
+        const int count = depth == mover.depth ? a + 1 : upper.dofs;
+        const double* Sa = twist_.data() + 6 * (mover.twist + a);
         double left[6] = {};
         for (int r = 0; r < 6; r++) {
           for (int c = 0; c < 6; c++) left[c] += Sa[r] * total[6 * r + c];
@@ -247,9 +247,9 @@ void Kinematics::StoreTurningInertia(const double* stiffness, double stiffness_s
           for (int c = 0; c < 6; c++) value += left[c] * Sb[c];
           d->M[entry[b]] += value;
         }
-        entry += above + a + 1;  // the next row of this node
+        entry += above + a + 1;  // the next row of this mover
       }
-      if (upper.parent >= 0) first -= nodes_[upper.parent].dofs;
+      if (upper.parent >= 0) first -= movers_[upper.parent].dofs;
     }
   }
 }

@@ -31,7 +31,7 @@ bool SlidesAlongAxes(const mjModel* m, int body) {
 void Kinematics::Create(const mjModel* m, int instance, Reader* reader) {
   FindPoints(m, instance, reader);
   if (!reader->ok()) return;
-  FindNodes(m, instance);
+  FindMovers(m, instance);
   pair_of_.assign(points_.size() * points_.size(), -1);
   x_.resize(points_.size());
   v_.resize(points_.size());
@@ -82,7 +82,7 @@ void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
                 "its bodies do not match its control points: attach or copy the soft body as a whole");
 }
 
-void Kinematics::FindNodes(const mjModel* m, int instance) {
+void Kinematics::FindMovers(const mjModel* m, int instance) {
   std::vector<int> moved(m->nbody, 0);  // points at and below each body
   for (const ControlPoint& point : points_) {
     for (int body = point.body; body > 0; body = m->body_parentid[body]) moved[body]++;
@@ -95,54 +95,60 @@ void Kinematics::FindNodes(const mjModel* m, int instance) {
     outermost_ = root;
     holder_ = m->body_parentid[root];
   }
-  std::vector<int> node_of(m->nbody, -1);
+  std::vector<int> mover_of(m->nbody, -1);
   int twists = 0, pairs = 0;
   for (int body = 1; body < m->nbody; body++) {
     if (moved[body] == 0) continue;
-    const int above = node_of[m->body_parentid[body]];
-    node_of[body] = above;
+    const int above = mover_of[m->body_parentid[body]];
+    mover_of[body] = above;
     const bool own = m->body_plugin[body] == instance;
     if (m->body_dofnum[body] == 0 || (!own && moved[body] == static_cast<int>(points_.size()))) continue;
-    const Node node = {
-        body, above, above < 0 ? 0 : nodes_[above].depth + 1, m->body_dofadr[body], m->body_dofnum[body], twists, pairs,
-        0,    false};
-    turning_ = turning_ || !own || node.dofs > 3 || (above < 0 && m->body_parentid[body] != holder_) ||
-               (above >= 0 && m->body_parentid[body] != nodes_[above].body);
-    twists += node.dofs;
-    pairs += node.depth + 1;
-    node_of[body] = static_cast<int>(nodes_.size());
-    nodes_.push_back(node);
+    const Mover mover = {body,
+                         above,
+                         above < 0 ? 0 : movers_[above].depth + 1,
+                         m->body_dofadr[body],
+                         m->body_dofnum[body],
+                         twists,
+                         pairs,
+                         0,
+                         false};
+    turning_ = turning_ || !own || mover.dofs > 3 || (above < 0 && m->body_parentid[body] != holder_) ||
+               (above >= 0 && m->body_parentid[body] != movers_[above].body);
+    twists += mover.dofs;
+    pairs += mover.depth + 1;
+    mover_of[body] = static_cast<int>(movers_.size());
+    movers_.push_back(mover);
   }
   for (ControlPoint& point : points_) {
-    point.node = node_of[point.body];
-    if (point.node >= 0) {
-      Node& node = nodes_[point.node];
-      node.arms = node.arms || point.offset || point.body != node.body;
+    point.mover = mover_of[point.body];
+    if (point.mover >= 0) {
+      Mover& mover = movers_[point.mover];
+      mover.arms = mover.arms || point.offset || point.body != mover.body;
       turning_ = turning_ || point.offset;
     }
-    point.still = point.node < 0 && m->body_parentid[point.body] == holder_;
+    point.still = point.mover < 0 && m->body_parentid[point.body] == holder_;
   }
   turns_ = turning_ || m->body_treeid[holder_] >= 0;
   if (turns_) bias_.resize(points_.size());
   stiffens_ = turning_;
-  for (const ControlPoint& point : points_) stiffens_ = stiffens_ && (point.node < 0 || nodes_[point.node].arms);
+  for (const ControlPoint& point : points_) stiffens_ = stiffens_ && (point.mover < 0 || movers_[point.mover].arms);
   replaces_ = !turning_ && OwnsInertia(m, instance);
-  free_ = !nodes_.empty();
-  for (const ControlPoint& point : points_) free_ = free_ && point.node >= 0;
-  for (const Node& node : nodes_) free_ = free_ && (node.parent >= 0 || &node == nodes_.data());
-  load_.resize(nodes_.size());
-  weight_.resize(nodes_.size());
-  slide_.resize(nodes_.size());
-  if (stiffens_) turn_.assign(nodes_.size(), Mat3{});
+  free_ = !movers_.empty();
+  for (const ControlPoint& point : points_) free_ = free_ && point.mover >= 0;
+  for (const Mover& mover : movers_) free_ = free_ && (mover.parent >= 0 || &mover == movers_.data());
+  load_.resize(movers_.size());
+  weight_.resize(movers_.size());
+  slide_.resize(movers_.size());
+  if (stiffens_) turn_.assign(movers_.size(), Mat3{});
   twist_.assign(6 * twists, 0.0);
-  motion_.resize(6 * nodes_.size());
+  motion_.resize(6 * movers_.size());
 }
 
-// Whether neither actuators and tendons, which may have armature, nor the points of another instance add to the nodes'
+// Whether neither actuators and tendons, which may have armature, nor the points of another instance add to the movers'
 // entries of M.
 bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
-  std::vector<bool> own(m->nbody, false);  // nodes and what hangs on them
-  for (const Node& node : nodes_) own[node.body] = true;
+  std::vector<bool> own(m->nbody, false);  // movers and what hangs on them
+  for (const Mover& mover : movers_) own[mover.body] = true;
   for (int body = 1; body < m->nbody; body++) {
     if (!own[body]) own[body] = own[m->body_parentid[body]];
     const int other = m->body_plugin[body];
@@ -157,20 +163,20 @@ bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
 
 bool Kinematics::IsAbove(int upper, int lower) const {
   if (upper < 0) return true;
-  while (lower >= 0 && nodes_[lower].depth > nodes_[upper].depth) lower = nodes_[lower].parent;
+  while (lower >= 0 && movers_[lower].depth > movers_[upper].depth) lower = movers_[lower].parent;
   return lower == upper;
 }
 
 bool Kinematics::Couple(int j, int k, int* pair) {
   int& known = pair_of_[std::max(j, k) * points_.size() + std::min(j, k)];
   if (known < 0) {
-    const int nj = points_[j].node, nk = points_[k].node;
+    const int nj = points_[j].mover, nk = points_[k].mover;
     PointPair added = {j, k, -1, false};
     if (nj >= 0 && nk >= 0 && points_[j].branch == points_[k].branch) {
-      added.flip = nodes_[nk].depth > nodes_[nj].depth;
+      added.flip = movers_[nk].depth > movers_[nj].depth;
       const int deeper = added.flip ? nk : nj, upper = added.flip ? nj : nk;
       if (!IsAbove(upper, deeper)) return false;
-      added.sum = nodes_[deeper].pair + nodes_[upper].depth;
+      added.sum = movers_[deeper].pair + movers_[upper].depth;
     }
     known = static_cast<int>(pairs_.size());
     pairs_.push_back(added);
@@ -180,16 +186,16 @@ bool Kinematics::Couple(int j, int k, int* pair) {
 }
 
 void Kinematics::Finish(const mjModel* m, Reader* reader) {
-  for (Node& node : nodes_) {
-    node.entry = static_cast<int>(entry_.size());
-    for (int a = node.dof; a < node.dof + node.dofs; a++) {
+  for (Mover& mover : movers_) {
+    mover.entry = static_cast<int>(entry_.size());
+    for (int a = mover.dof; a < mover.dof + mover.dofs; a++) {
       const int* begin = m->M_colind + m->M_rowadr[a];
       const int* end = begin + m->M_rownnz[a];
-      std::vector<int> path;  // nodes from the outermost to this one
-      for (int n = static_cast<int>(&node - nodes_.data()); n >= 0; n = nodes_[n].parent) path.push_back(n);
+      std::vector<int> path;  // movers from the outermost to this one
+      for (int n = static_cast<int>(&mover - movers_.data()); n >= 0; n = movers_[n].parent) path.push_back(n);
       for (auto n = path.rbegin(); n != path.rend(); ++n) {
-        const int last = *n == path.front() ? a + 1 : nodes_[*n].dof + nodes_[*n].dofs;
-        for (int b = nodes_[*n].dof; b < last; b++) {
+        const int last = *n == path.front() ? a + 1 : movers_[*n].dof + movers_[*n].dofs;
+        for (int b = movers_[*n].dof; b < last; b++) {
           const int* found = std::find(begin, end, b);
           if (!reader->Check(found != end, "its bodies are not nested in the order they were written in")) return;
           entry_.push_back(static_cast<int>(found - m->M_colind));
@@ -199,7 +205,7 @@ void Kinematics::Finish(const mjModel* m, Reader* reader) {
   }
   std::vector<int>().swap(pair_of_);
   const size_t size = turning_ ? 36 : 9;
-  sum_.resize(nodes_.empty() ? 0 : size * (nodes_.back().pair + nodes_.back().depth + 1));
+  sum_.resize(movers_.empty() ? 0 : size * (movers_.back().pair + movers_.back().depth + 1));
 }
 
 bool Kinematics::MissesWaking(const mjModel* m) const {
@@ -249,14 +255,14 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
     const ControlPoint& point = points_[j];
     if (point.still) {
       x_[j] = point.rest;
-    } else if (turning_ || point.node < 0) {
+    } else if (turning_ || point.mover < 0) {
       x_[j] = MulT(axes, WorldPosition(d, static_cast<int>(j)) - origin);
     } else {  // from the slides themselves: rounding of world coordinates would strain a stiff body at rest
-      const Node& node = nodes_[point.node];
-      const int q = m->jnt_qposadr[m->body_jntadr[node.body]];
-      slide_[point.node] = Position(d->qpos + q) - Position(m->qpos0 + q);
-      if (node.parent >= 0) slide_[point.node] = slide_[point.node] + slide_[node.parent];
-      x_[j] = point.rest + slide_[point.node];
+      const Mover& mover = movers_[point.mover];
+      const int q = m->jnt_qposadr[m->body_jntadr[mover.body]];
+      slide_[point.mover] = Position(d->qpos + q) - Position(m->qpos0 + q);
+      if (mover.parent >= 0) slide_[point.mover] = slide_[point.mover] + slide_[mover.parent];
+      x_[j] = point.rest + slide_[point.mover];
     }
   }
   // levers and twists are about the middle of the points: about the holder, far away, turning would cost digits
@@ -266,34 +272,34 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
   }
   for (size_t j = 0; j < points_.size(); j++) lever_[j] = x_[j] - middle_;
   const Vec3 centre = origin + Mul(axes, middle_);
-  for (size_t n = 0; n < nodes_.size(); n++) {
-    const Node& node = nodes_[n];
+  for (size_t n = 0; n < movers_.size(); n++) {
+    const Mover& mover = movers_[n];
     double* motion = motion_.data() + 6 * n;
-    if (node.parent >= 0) {
-      std::copy_n(motion_.data() + 6 * node.parent, 6, motion);
+    if (mover.parent >= 0) {
+      std::copy_n(motion_.data() + 6 * mover.parent, 6, motion);
     } else {
       std::fill_n(motion, 6, 0.0);
     }
     if (!turning_) {
-      for (int r = 0; r < 3; r++) motion[r] += d->qvel[node.dof + r];
+      for (int r = 0; r < 3; r++) motion[r] += d->qvel[mover.dof + r];
       continue;
     }
-    const Vec3 arm = centre - Position(d->subtree_com + 3 * m->body_rootid[node.body]);
-    for (int a = 0; a < node.dofs; a++) {
-      const mjtNum* cdof = d->cdof + 6 * (node.dof + a);  // rotation, then translation at the root's centre of mass
+    const Vec3 arm = centre - Position(d->subtree_com + 3 * m->body_rootid[mover.body]);
+    for (int a = 0; a < mover.dofs; a++) {
+      const mjtNum* cdof = d->cdof + 6 * (mover.dof + a);  // rotation, then translation at the root's centre of mass
       const Vec3 rotation = Position(cdof);
       const Vec3 local[2] = {MulT(axes, Position(cdof + 3) + Cross(rotation, arm)), MulT(axes, rotation)};
-      double* twist = twist_.data() + 6 * (node.twist + a);
+      double* twist = twist_.data() + 6 * (mover.twist + a);
       for (int r = 0; r < 6; r++) {
         twist[r] = local[r / 3][r % 3];
-        motion[r] += twist[r] * d->qvel[node.dof + a];
+        motion[r] += twist[r] * d->qvel[mover.dof + a];
       }
     }
   }
   for (size_t j = 0; j < points_.size(); j++) {
     v_[j] = {};
-    if (points_[j].node < 0) continue;
-    const double* motion = motion_.data() + 6 * points_[j].node;
+    if (points_[j].mover < 0) continue;
+    const double* motion = motion_.data() + 6 * points_[j].mover;
     v_[j] = Position(motion);
     if (turning_) v_[j] = v_[j] + Cross(Position(motion + 3), lever_[j]);
   }
@@ -331,72 +337,72 @@ template <int N>
 void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
   std::fill(motion_.begin(), motion_.end(), 0.0);
   for (size_t j = 0; j < points_.size(); j++) {
-    if (points_[j].node < 0) continue;
-    double* wrench = motion_.data() + 6 * points_[j].node;
+    if (points_[j].mover < 0) continue;
+    double* wrench = motion_.data() + 6 * points_[j].mover;
     for (int r = 0; r < 3; r++) wrench[r] += force[j][r];
     if constexpr (N == 6) {
       const Vec3 torque = Cross(lever_[j], force[j]);
       for (int r = 0; r < 3; r++) wrench[3 + r] += torque[r];
     }
   }
-  for (size_t n = nodes_.size(); n-- > 0;) {
-    const Node& node = nodes_[n];
+  for (size_t n = movers_.size(); n-- > 0;) {
+    const Mover& mover = movers_[n];
     const double* wrench = motion_.data() + 6 * n;
-    for (int a = 0; a < node.dofs; a++) {
+    for (int a = 0; a < mover.dofs; a++) {
       if constexpr (N == 3) {
-        d->qfrc_passive[node.dof + a] += wrench[a];
+        d->qfrc_passive[mover.dof + a] += wrench[a];
       } else {
-        const double* twist = twist_.data() + 6 * (node.twist + a);
-        for (int r = 0; r < 6; r++) d->qfrc_passive[node.dof + a] += twist[r] * wrench[r];
+        const double* twist = twist_.data() + 6 * (mover.twist + a);
+        for (int r = 0; r < 6; r++) d->qfrc_passive[mover.dof + a] += twist[r] * wrench[r];
       }
     }
-    if (node.parent < 0) continue;
-    double* into = motion_.data() + 6 * node.parent;
+    if (mover.parent < 0) continue;
+    double* into = motion_.data() + 6 * mover.parent;
     for (int r = 0; r < N; r++) into[r] += wrench[r];
   }
 }
 
-void Kinematics::PointShares(const double* omega, const Vec3& position, std::vector<Share>* shares) const {
+void Kinematics::PointMoments(const double* omega, const Vec3& position, std::vector<Moments>* moments) const {
   Vec3 lever = position;
   for (size_t j = 0; j < points_.size(); j++) lever = lever - omega[j] * x_[j];
-  std::fill(shares->begin(), shares->end(), Share{});
+  std::fill(moments->begin(), moments->end(), Moments{});
   for (size_t j = 0; j < points_.size(); j++) {
-    if (points_[j].node < 0 || omega[j] == 0) continue;
-    Share& share = (*shares)[points_[j].node];
-    share.weight += omega[j];
-    share.moment = share.moment + omega[j] * (lever_[j] + lever);
+    if (points_[j].mover < 0 || omega[j] == 0) continue;
+    Moments& own = (*moments)[points_[j].mover];
+    own.weight += omega[j];
+    own.moment = own.moment + omega[j] * (lever_[j] + lever);
   }
-  for (size_t n = nodes_.size(); n-- > 0;) {
-    if (nodes_[n].parent < 0) continue;
-    Share& into = (*shares)[nodes_[n].parent];
-    into.weight += (*shares)[n].weight;
-    into.moment = into.moment + (*shares)[n].moment;
+  for (size_t n = movers_.size(); n-- > 0;) {
+    if (movers_[n].parent < 0) continue;
+    Moments& into = (*moments)[movers_[n].parent];
+    into.weight += (*moments)[n].weight;
+    into.moment = into.moment + (*moments)[n].moment;
   }
 }
 
 bool Kinematics::IsHeldBy(const mjModel* m, int body) const {
   for (const ControlPoint& point : points_) {
     if (m->body_jntnum[point.body] > 0) continue;
-    // a piece held by the body that the soft body was attached to hangs in the holder, which is in that body
+    // what is held by the body that the soft body was attached to hangs in the holder, which is in that body
     const int outer = m->body_parentid[point.body];
     if (body == outer || (outer == holder_ && body == m->body_parentid[holder_])) return body > 0;
   }
   return false;
 }
 
-double Kinematics::RowEntry(const Share& share, const Vec3& direction, int n, int a) const {
-  if (!turning_) return share.weight * direction[a];
-  const double* twist = twist_.data() + 6 * (nodes_[n].twist + a);
-  return share.weight * Dot(Position(twist), direction) + Dot(Position(twist + 3), Cross(share.moment, direction));
+double Kinematics::RowEntry(const Moments& moments, const Vec3& direction, int n, int a) const {
+  if (!turning_) return moments.weight * direction[a];
+  const double* twist = twist_.data() + 6 * (movers_[n].twist + a);
+  return moments.weight * Dot(Position(twist), direction) + Dot(Position(twist + 3), Cross(moments.moment, direction));
 }
 
-int Kinematics::NodeOfDof(int dof) const {
-  // nodes are in the order of their bodies, and so of their degrees of freedom
-  const auto after =
-      std::upper_bound(nodes_.begin(), nodes_.end(), dof, [](int value, const Node& node) { return value < node.dof; });
-  if (after == nodes_.begin()) return -1;
-  const Node& node = *(after - 1);
-  return dof < node.dof + node.dofs ? static_cast<int>(&node - nodes_.data()) : -1;
+int Kinematics::MoverOfDof(int dof) const {
+  // movers are in the order of their bodies, and so of their degrees of freedom
+  const auto after = std::upper_bound(movers_.begin(), movers_.end(), dof,
+                                      [](int value, const Mover& mover) { return value < mover.dof; });
+  if (after == movers_.begin()) return -1;
+  const Mover& mover = *(after - 1);
+  return dof < mover.dof + mover.dofs ? static_cast<int>(&mover - movers_.data()) : -1;
 }
 
 }  // namespace mjframes

@@ -1,17 +1,17 @@
 // Where the control points are, and how MuJoCo's degrees of freedom move them (J in x_j' = J_j qvel).
 //
 // A control point is a point fixed on a body: on one of its own with three slide joints, on the body of a rigid frame,
-// on a link of a robot, on the world. A node is a body with joints that moves some of the points and not all: what
+// on a link of a robot, on the world. A mover is a body with joints that moves some of the points and not all: what
 // moves all of them strains nothing. With the twist S_a of degree of freedom a and X_j = [I, −[x_j]×]
 //
-//   v_j = X_j Σ_a S_a qvel_a        over the nodes at and above j
-//   Jᵀf at a = S_aᵀ Σ_j X_jᵀ f_j     over the points at and below a's node
+//   v_j = X_j Σ_a S_a qvel_a        over the movers at and above j
+//   Jᵀf at a = S_aᵀ Σ_j X_jᵀ f_j     over the points at and below a's mover
 //   JᵀKJ at (a, b) = S_aᵀ (Σ_jk X_jᵀ K_jk X_k) S_b
 //
-// summed over subtrees from the leaves up. Forces on a node that turns have a stiffness of their own, K_n
-// (inertia.cc), on its rotation. Where all nodes are slides along the axes, twists are translations, X = I and the
+// summed over subtrees from the leaves up. Forces on a mover that turns have a stiffness of their own, K_n
+// (inertia.cc), on its rotation. Where all movers are slides along the axes, twists are translations, X = I and the
 // blocks 3 × 3; else they are 6 × 6. Everything is in the soft body's own axes, those of the body that its outermost
-// nodes hang on, seen from there [SI]. Index letters: j, k control point; n node; a, b degree of freedom.
+// movers hang on, seen from there [SI]. Index letters: j, k control point; n mover; a, b degree of freedom.
 
 #ifndef MJFRAMES_PLUGIN_KINEMATICS_H_
 #define MJFRAMES_PLUGIN_KINEMATICS_H_
@@ -22,15 +22,14 @@
 #include <vector>
 
 #include "attributes.h"
+#include "constants.h"
 #include "linear.h"
 
 namespace mjframes {
 
-inline constexpr int kMaxCarried = 10;  // points on one body: those of a quadratic frame
-
 struct ControlPoint {
   int body;        // MuJoCo body that it is fixed on
-  int node;        // the closest node at or above that body, −1 for none
+  int mover;       // the closest mover at or above that body, −1 for none
   int branch;      // points of different branches are coupled by their forces only (see PointPair)
   bool still;      // whether it never moves in the soft body's axes
   bool offset;     // whether it is elsewhere than at the body's origin
@@ -40,14 +39,14 @@ struct ControlPoint {
   double carried;  // of all points on that body, as built [kg]
 };
 
-struct Node {
+struct Mover {
   int body;    // MuJoCo body
-  int parent;  // node, −1 for none
-  int depth;   // number of nodes above
+  int parent;  // mover, −1 for none
+  int depth;   // number of movers above
   int dof;     // its degrees of freedom start here …
   int dofs;    // … and are so many
   int twist;   // their twists start here
-  int pair;    // its pairs with the nodes at depth 0, 1, … start here; the last is with itself
+  int pair;    // its pairs with the movers at depth 0, 1, … start here; the last is with itself
   int entry;   // the addresses in d->M of its rows start here: dof by dof, column by column
   bool arms;   // whether some of its own points are elsewhere than at its body's origin
 };
@@ -55,12 +54,12 @@ struct Node {
 // Two coupled control points, or one with itself.
 struct PointPair {
   int j, k;
-  int sum;    // node pair that its stiffness goes to, −1 where d->M cannot hold it or neither moves
+  int sum;    // mover pair that its stiffness goes to, −1 where d->M has no room for it or neither moves
   bool flip;  // whether k is the deeper of the two
 };
 
-// What a contact's point is made of at and below a node: Σ ω_j and Σ ω_j x_j.
-struct Share {
+// What a contact's point is made of at and below a mover: Σ ω_j and Σ ω_j x_j.
+struct Moments {
   double weight;
   Vec3 moment;
 };
@@ -73,7 +72,7 @@ class Kinematics {
   // The pair of points j and k, a new one if need be. False where the two are on one branch but not on one path.
   bool Couple(int j, int k, int* pair);
 
-  // After all couplings: memory, and the places of the nodes in d->M. What is wrong is told to `reader`.
+  // After all couplings: memory, and the places of the movers in d->M. What is wrong is told to `reader`.
   void Finish(const mjModel* m, Reader* reader);
 
   // Whether points are on kinematic trees or mocap bodies that move without waking the soft body's own tree, of which
@@ -93,10 +92,10 @@ class Kinematics {
   // qfrc_passive += Jᵀ f; force: one a point.
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 
-  // K_n of all nodes, for the inertia of this step; after Gather. force: one a point, −∂E/∂x.
+  // K_n of all movers, for the inertia of this step; after Gather. force: one a point, −∂E/∂x.
   void StiffenTurns(const std::vector<Vec3>& force, const mjData* d);
 
-  // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I, and stiffness_scale K_n on the nodes' rotations, if
+  // d->M += Jᵀ B J with B_jk = stiffness_scale K_jk + mass_jk I, and stiffness_scale K_n on the movers' rotations, if
   // any. stiffness: 3×3 row-major block a pair; mass: one a pair. d->M is the rigid inertia, or, if this body replaces
   // its entries, any.
   void StoreInertia(const double* stiffness, double stiffness_scale, const double* mass, const mjModel* m, mjData* d);
@@ -107,20 +106,20 @@ class Kinematics {
   // Its velocity there.
   Vec3 WorldVelocity(const mjModel* m, const mjData* d, int j) const;
 
-  // Replaces the shares (one a node) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft body's
-  // axes): a lever that turns with the bodies. omega: one a point.
-  void PointShares(const double* omega, const Vec3& position, std::vector<Share>* shares) const;
+  // Replaces the moments (one a mover) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft
+  // body's axes): a lever that turns with the bodies. omega: one a point.
+  void PointMoments(const double* omega, const Vec3& position, std::vector<Moments>* moments) const;
 
-  // Velocity of that point along `direction` (soft body's axes) for a unit rate of degree of freedom a of node n.
-  double RowEntry(const Share& share, const Vec3& direction, int n, int a) const;
+  // Velocity of that point along `direction` (soft body's axes) for a unit rate of degree of freedom a of mover n.
+  double RowEntry(const Moments& moments, const Vec3& direction, int n, int a) const;
 
-  // Whether node `upper` is at or above node `lower`; −1 is above all.
+  // Whether mover `upper` is at or above mover `lower`; −1 is above all.
   bool IsAbove(int upper, int lower) const;
 
-  // The node that has degree of freedom `dof`, −1 for none.
-  int NodeOfDof(int dof) const;
+  // The mover that has degree of freedom `dof`, −1 for none.
+  int MoverOfDof(int dof) const;
 
-  // Whether a piece of the soft body is fixed to this body of the scene.
+  // Whether some of the soft body is fixed to this body of the scene.
   bool IsHeldBy(const mjModel* m, int body) const;
 
   // The soft body's axes in the world, a world direction and a world position in them.
@@ -128,22 +127,22 @@ class Kinematics {
   Vec3 PositionToLocal(const mjData* d, const Vec3& position) const;
   Vec3 ToLocal(const mjData* d, const Vec3& direction) const { return MulT(Axes(d), direction); }
 
-  // Whether its entries of d->M are replaced: where all nodes are slides along the axes, the rigid inertia of two of
+  // Whether its entries of d->M are replaced: where all movers are slides along the axes, the rigid inertia of two of
   // them is the mass at and below the lower one, which mj_makeM leaves in d->crb, and nobody else's to change.
   bool replaces() const { return replaces_; }
 
-  // Whether nodes are more than slides along the soft body's axes.
+  // Whether movers are more than slides along the soft body's axes.
   bool turning() const { return turning_; }
 
   const std::vector<ControlPoint>& points() const { return points_; }
-  const std::vector<Node>& nodes() const { return nodes_; }
+  const std::vector<Mover>& movers() const { return movers_; }
   const std::vector<PointPair>& pairs() const { return pairs_; }
   const std::vector<Vec3>& x() const { return x_; }
   const std::vector<Vec3>& v() const { return v_; }
 
  private:
   void FindPoints(const mjModel* m, int instance, Reader* reader);
-  void FindNodes(const mjModel* m, int instance);
+  void FindMovers(const mjModel* m, int instance);
   bool OwnsInertia(const mjModel* m, int instance) const;
   template <int N>
   void StoreForceOf(const std::vector<Vec3>& force, mjData* d);
@@ -159,9 +158,9 @@ class Kinematics {
   bool replaces_ = false;
   bool stiffens_ = false;  // whether all points ride on frames that turn, so that their turns are stiffened
   bool turns_ = false;     // whether points turn, or the axes along which they slide
-  bool free_ = false;      // whether the first node moves all points
+  bool free_ = false;      // whether the first mover moves all points
   std::vector<ControlPoint> points_;
-  std::vector<Node> nodes_;  // ancestors first
+  std::vector<Mover> movers_;  // ancestors first
   std::vector<PointPair> pairs_;
   std::vector<int> pair_of_;  // (k × k) until Finish
   std::vector<int> entry_;    // addresses in d->M
@@ -171,13 +170,13 @@ class Kinematics {
   std::vector<Vec3> bias_;      // their accelerations at qacc = 0, where they turn
   std::vector<Vec3> lever_;     // x − the middle of all, where they turn
   Vec3 middle_{};               // of all points, in the soft body's axes; zero where they only slide
-  std::vector<Share> load_;     // mass and its moment at and below the nodes
+  std::vector<Moments> load_;   // mass and its moment at and below the movers
   std::vector<double> weight_;  // the mass alone, where they only slide
-  std::vector<Vec3> slide_;     // of the nodes, where they only slide
+  std::vector<Vec3> slide_;     // of the movers, where they only slide
   std::vector<double> twist_;   // S_a: translation, rotation                 (6 a degree of freedom)
-  std::vector<double> motion_;  // velocity, then force, of the nodes         (6 a node)
-  std::vector<Mat3> turn_;      // K_n of the nodes, where they turn
-  std::vector<double> sum_;     // Σ XᵀBX of the node pairs                   (N × N a pair)
+  std::vector<double> motion_;  // velocity, then force, of the movers         (6 a mover)
+  std::vector<Mat3> turn_;      // K_n of the movers, where they turn
+  std::vector<double> sum_;     // Σ XᵀBX of the mover pairs                   (N × N a pair)
 };
 
 }  // namespace mjframes

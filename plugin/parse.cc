@@ -6,13 +6,13 @@
 #include <optional>
 #include <string>
 
+#include "interned.h"
 #include "patch_field.h"
-#include "shared.h"
 
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "3";  // of the configuration; a model written by another version is refused
+constexpr char kVersion[] = "3";  // of the attributes; a model written by another version is refused
 
 // The control points of each region, and the pairs that their blocks belong to.
 struct Coupling {
@@ -280,25 +280,25 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   return patches;
 }
 
-Lattice ReadLattice(int points, const std::vector<Patch>& patches, Reader* reader) {
-  Lattice lattice;
-  lattice.spacing = reader->Number("lattice_spacing");
-  lattice.axes = reader->Array<double>("lattice_axes");
-  lattice.origin = reader->Array<double>("lattice_origin");
-  lattice.shape = reader->Array<int32_t>("lattice_shape");
-  lattice.node = reader->Array<int32_t>("lattice_node");
-  lattice.distance = reader->Array<double>("lattice_distance");
-  lattice.patch = reader->Array<int32_t>("lattice_patch");
-  lattice.count = reader->Array<int32_t>("lattice_count");
-  lattice.point = reader->Array<int32_t>("lattice_point");
-  lattice.weight = reader->Array<double>("lattice_weight");
-  lattice.vertex = reader->Array<double>("lattice_sphere");
+DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, Reader* reader) {
+  DistanceField field;
+  field.spacing = reader->Number("lattice_spacing");
+  field.axes = reader->Array<double>("lattice_axes");
+  field.origin = reader->Array<double>("lattice_origin");
+  field.shape = reader->Array<int32_t>("lattice_shape");
+  field.node = reader->Array<int32_t>("lattice_node");
+  field.distance = reader->Array<double>("lattice_distance");
+  field.patch = reader->Array<int32_t>("lattice_patch");
+  field.count = reader->Array<int32_t>("lattice_count");
+  field.point = reader->Array<int32_t>("lattice_point");
+  field.weight = reader->Array<double>("lattice_weight");
+  field.vertex = reader->Array<double>("lattice_sphere");
   int vertices = 0;
   for (const Patch& patch : patches) vertices += patch.vertices;
   if (!reader->ok()) return {};
-  const std::string wrong = lattice.Finish(points, static_cast<int>(patches.size()), vertices);
+  const std::string wrong = field.Finish(points, static_cast<int>(patches.size()), vertices);
   if (!wrong.empty()) reader->Fail(wrong);
-  return lattice;
+  return field;
 }
 
 // Every point is a pair with itself that carries its mass.
@@ -348,7 +348,7 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok() && patches > 0) {
     contact.radius = reader->Number("contact_radius");
     contact.has_volume = reader->Has("lattice_spacing");
-    if (contact.has_volume) contact.lattice = ReadLattice(static_cast<int>(points.size()), contact.patches, reader);
+    if (contact.has_volume) contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
     for (int i = 0; reader->ok() && i < patches; i++) {
       PatchVolume& volume = contact.patches[i].volume;
       if (contact.has_volume) volume = PatchVolume::Create(m, contact, model->kinematics, i);
@@ -385,7 +385,7 @@ std::shared_ptr<const SoftModel> FindModel(const mjModel* m, int instance, Reade
   key.Add(m->geom_plugin, m->ngeom).Add(m->geom_bodyid, m->ngeom);
   key.Add(m->actuator_trntype, m->nactuator).Add(m->actuator_trnid, 2 * static_cast<size_t>(m->nactuator));
   key.Add(&m->ntendon, 1).Add(m->M_rownnz, m->nv).Add(m->M_rowadr, m->nv).Add(m->M_colind, m->nM);
-  return Shared<SoftModel>(key.text(), [&] { return ReadModel(m, instance, reader); });
+  return Interned<SoftModel>(key.text(), [&] { return ReadModel(m, instance, reader); });
 }
 
 }  // namespace mjframes

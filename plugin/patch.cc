@@ -3,17 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "constants.h"
 #include "kinematics.h"
 
 namespace mjframes {
 namespace {
 
-constexpr int kReach = static_cast<int>(kTrusted) + 1;  // [cells]
-
-// Weights of all control points at the vertices of a patch and at the nodes of the cells below it.
+// Weights of all control points at the vertices of a patch and at the nodes of the cubes below it.
 std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size_t k, int number,
-                                               const std::vector<uint8_t>& holds) {
-  const Lattice& lattice = contact.lattice;
+                                               const std::vector<uint8_t>& in_rows) {
+  const DistanceField& field = contact.field;
   const Patch& patch = contact.patches[number];
   std::vector<std::vector<double>> samples;
   for (int s = 0; s < patch.vertices; s++) {
@@ -22,46 +21,46 @@ std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size
       samples.back()[patch.point[a]] = patch.weight[a * patch.vertices + s];
     }
   }
-  std::vector<uint8_t> below(lattice.node.size(), 0);
-  const int32_t* shape = lattice.shape.data();
-  for (const int32_t place : lattice.node) {
+  std::vector<uint8_t> below(field.node.size(), 0);
+  const int32_t* shape = field.shape.data();
+  for (const int32_t place : field.node) {
     const Vec3 corner = {static_cast<double>(place / (shape[1] * shape[2])),
                          static_cast<double>(place / shape[2] % shape[1]), static_cast<double>(place % shape[2])};
     int nodes[8];
     Vec3 fraction;
-    if (!lattice.Cell(corner, nodes, &fraction)) continue;
-    const bool owned = std::any_of(nodes, nodes + 8, [&](int node) { return lattice.patch[node] == number; });
-    const bool inside = std::any_of(nodes, nodes + 8, [&](int node) { return lattice.distance[node] < 0; });
+    if (!field.CubeAt(corner, nodes, &fraction)) continue;
+    const bool owned = std::any_of(nodes, nodes + 8, [&](int node) { return field.patch[node] == number; });
+    const bool inside = std::any_of(nodes, nodes + 8, [&](int node) { return field.distance[node] < 0; });
     for (const int node : nodes) below[node] |= owned && inside;
   }
   for (size_t node = 0; node < below.size(); node++) {
     if (!below[node]) continue;
     std::vector<double> weight(k, 0.0);
-    double held = 0;
-    for (int e = lattice.start[node]; e < lattice.start[node + 1]; e++) {
-      if (!holds[lattice.point[e]]) continue;
-      weight[lattice.point[e]] = lattice.weight[e];
-      held += lattice.weight[e];
+    double total = 0;
+    for (int e = field.start[node]; e < field.start[node + 1]; e++) {
+      if (!in_rows[field.point[e]]) continue;
+      weight[field.point[e]] = field.weight[e];
+      total += field.weight[e];
     }
-    if (held < kHeld) continue;
-    for (double& w : weight) w /= held;
+    if (total < kLeastInRows) continue;
+    for (double& w : weight) w /= total;
     samples.push_back(std::move(weight));
   }
   return samples;
 }
 
-// Of each node, to the nearest that the patch has inside or up to a cell outside.
-std::vector<uint8_t> StepsToPatch(const Lattice& lattice, int patch) {
-  std::vector<uint8_t> steps(lattice.node.size(), 255);
-  const int32_t* shape = lattice.shape.data();
+// Of each node, to the nearest that the patch has inside or up to a cube outside.
+std::vector<uint8_t> StepsToPatch(const DistanceField& field, int patch) {
+  std::vector<uint8_t> steps(field.node.size(), 255);
+  const int32_t* shape = field.shape.data();
   for (size_t node = 0; node < steps.size(); node++) {
-    if (lattice.patch[node] != patch || lattice.distance[node] > lattice.spacing) continue;
-    const int x = lattice.node[node] / (shape[1] * shape[2]), y = lattice.node[node] / shape[2] % shape[1];
-    const int z = lattice.node[node] % shape[2];
-    for (int a = std::max(x - kReach, 0); a <= std::min(x + kReach, shape[0] - 1); a++) {
-      for (int b = std::max(y - kReach, 0); b <= std::min(y + kReach, shape[1] - 1); b++) {
-        for (int c = std::max(z - kReach, 0); c <= std::min(z + kReach, shape[2] - 1); c++) {
-          const int other = lattice.place[(a * shape[1] + b) * shape[2] + c];
+    if (field.patch[node] != patch || field.distance[node] > field.spacing) continue;
+    const int x = field.node[node] / (shape[1] * shape[2]), y = field.node[node] / shape[2] % shape[1];
+    const int z = field.node[node] % shape[2];
+    for (int a = std::max(x - kTrustedCubes, 0); a <= std::min(x + kTrustedCubes, shape[0] - 1); a++) {
+      for (int b = std::max(y - kTrustedCubes, 0); b <= std::min(y + kTrustedCubes, shape[1] - 1); b++) {
+        for (int c = std::max(z - kTrustedCubes, 0); c <= std::min(z + kTrustedCubes, shape[2] - 1); c++) {
+          const int other = field.place[(a * shape[1] + b) * shape[2] + c];
           if (other < 0) continue;
           const int far = std::max({std::abs(a - x), std::abs(b - y), std::abs(c - z)});
           steps[other] = static_cast<uint8_t>(std::min<int>(steps[other], far));
@@ -79,16 +78,16 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
   const std::vector<ControlPoint>& points = kinematics.points();
   const size_t k = points.size();
   PatchVolume volume;
-  volume.holds.assign(k, 0);
+  volume.in_rows.assign(k, 0);
   for (int i = 0; i < number; i++) volume.first_vertex += contact.patches[i].vertices;
-  int deepest = -1;  // node of the geom's body
+  int deepest = -1;  // mover of the geom's body
   for (const ControlPoint& point : points) {
-    if (point.body == m->geom_bodyid[contact.patches[number].geom]) deepest = point.node;
+    if (point.body == m->geom_bodyid[contact.patches[number].geom]) deepest = point.mover;
   }
-  for (size_t j = 0; j < k; j++) volume.holds[j] = kinematics.IsAbove(points[j].node, deepest);
+  for (size_t j = 0; j < k; j++) volume.in_rows[j] = kinematics.IsAbove(points[j].mover, deepest);
 
-  volume.steps = StepsToPatch(contact.lattice, number);
-  const std::vector<std::vector<double>> samples = SampleWeights(contact, k, number, volume.holds);
+  volume.steps = StepsToPatch(contact.field, number);
+  const std::vector<std::vector<double>> samples = SampleWeights(contact, k, number, volume.in_rows);
   std::vector<double> mean(k, 0.0);
   for (const auto& weight : samples) {
     for (size_t j = 0; j < k; j++) mean[j] += weight[j] / static_cast<double>(samples.size());
@@ -118,10 +117,10 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
     Vec3 sum{};
     for (size_t s = 0; s < samples.size(); s++) sum = sum + (samples[s][j] - mean[j]) * offset[s];
     const Vec3 slope = Mul(inverse, sum);
-    double rest = 0;
+    double residual = 0;
     bool moves = false;
     for (size_t s = 0; s < samples.size(); s++) {
-      rest = std::max(rest, std::abs(samples[s][j] - mean[j] - Dot(slope, offset[s])));
+      residual = std::max(residual, std::abs(samples[s][j] - mean[j] - Dot(slope, offset[s])));
       moves |= samples[s][j] != 0;
     }
     if (!moves) continue;
@@ -129,7 +128,7 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
     volume.mean.push_back(mean[j]);
     volume.slope.push_back(slope);
     volume.offset.push_back(points[j].rest - origin);
-    volume.rest.push_back(rest);
+    volume.residual.push_back(residual);
   }
   return volume;
 }
@@ -151,18 +150,18 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
     }
     return nearest;
   };
-  const Lattice& lattice = contact.lattice;
-  for (size_t i = 0; i < lattice.node.size(); i++) {
-    if (lattice.patch[i] != number || std::abs(lattice.distance[i]) > lattice.spacing) continue;
-    solid |= lattice.distance[i] < 0;
-    cover = std::max(cover, from_nearest(lattice.Place(static_cast<int>(i)), n));
+  const DistanceField& field = contact.field;
+  for (size_t i = 0; i < field.node.size(); i++) {
+    if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;
+    solid |= field.distance[i] < 0;
+    cover = std::max(cover, from_nearest(field.Place(static_cast<int>(i)), n));
   }
   if (solid) return;
   cover = contact.radius;
   for (size_t s = 0; s < n && n > 1; s++) cover = std::max(cover, from_nearest(vertex[s], s));
 }
 
-PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const {
+PatchPose PatchVolume::Pose(const DistanceField& field, const Vec3* positions) const {
   AlignedBox box = {{}, {}};
   Mat3 B{};
   for (size_t a = 0; a < point.size(); a++) {
@@ -176,20 +175,19 @@ PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const
   for (size_t a = 0; a < point.size(); a++) {
     const Vec3& x = positions[point[a]];
     const Vec3 affine = box.centre + Mul(B, offset[a]);
-    for (int i = 0; i < 3; i++) bend[i] += rest[a] * std::abs(x[i] - affine[i]);
+    for (int i = 0; i < 3; i++) bend[i] += residual[a] * std::abs(x[i] - affine[i]);
   }
   for (int i = 0; i < 3; i++) {
     box.half[i] = bend[i];
     for (int c = 0; c < 3; c++) box.half[i] += std::abs(B[3 * i + c]) * half[c];
   }
-  PatchPose pose = {box, lattice.Coordinates(origin), {}, mjMAXVAL, NormBound(B)};
+  PatchPose pose = {box, field.Coordinates(origin), {}, mjMAXVAL, NormBound(B)};
   if (Det(B) > mjMINVAL) {
     const Mat3 inverse = Inverse(B);
     for (int i = 0; i < 9; i++) pose.slope[i] = 0;
     for (int i = 0; i < 3; i++) {
       for (int c = 0; c < 3; c++) {
-        for (int e = 0; e < 3; e++)
-          pose.slope[3 * i + c] += lattice.axes[3 * e + i] * inverse[3 * e + c] / lattice.spacing;
+        for (int e = 0; e < 3; e++) pose.slope[3 * i + c] += field.axes[3 * e + i] * inverse[3 * e + c] / field.spacing;
       }
     }
     Vec3 error{};
@@ -201,14 +199,14 @@ PatchPose PatchVolume::Pose(const Lattice& lattice, const Vec3* positions) const
   return pose;
 }
 
-bool PatchVolume::Near(const Lattice& lattice, const Vec3& xi, double error) const {
+bool PatchVolume::Near(const DistanceField& field, const Vec3& xi, double error) const {
   int64_t node = 0;
   for (int i = 0; i < 3; i++) {
-    if (!(xi[i] > -0.5) || !(xi[i] < lattice.shape[i] - 0.5)) return false;
-    node = node * lattice.shape[i] + static_cast<int64_t>(xi[i] + 0.5);
+    if (!(xi[i] > -0.5) || !(xi[i] < field.shape[i] - 0.5)) return false;
+    node = node * field.shape[i] + static_cast<int64_t>(xi[i] + 0.5);
   }
-  // half a cell from ξ to its nearest node, and half a cell from the material to that of the patch
-  return lattice.place[node] >= 0 && steps[lattice.place[node]] <= error + 1;
+  // half a cube from ξ to its nearest node, and half a cube from the material to that of the patch
+  return field.place[node] >= 0 && steps[field.place[node]] <= error + 1;
 }
 
 }  // namespace mjframes

@@ -16,7 +16,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "lattice.h"
+#include "constants.h"
+#include "distance_field.h"
 #include "linear.h"
 
 namespace mjframes {
@@ -24,17 +25,11 @@ namespace mjframes {
 class Kinematics;
 struct ContactModel;
 
-// The collision hook has only the thread's stack to work on.
-inline constexpr int kMaxPatchVertices = 1024;
-
-// A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
-inline constexpr int kMaxClusters = 4;
-
 // Along the world's axes.
 struct AlignedBox {
   Vec3 centre, half;
 
-  bool Holds(const Vec3& p, double margin) const {
+  bool Contains(const Vec3& p, double margin) const {
     for (int i = 0; i < 3; i++) {
       if (!(std::abs(p[i] - centre[i]) <= half[i] + margin)) return false;
     }
@@ -51,45 +46,45 @@ struct AlignedBox {
 
 // Where a patch is now.
 struct PatchPose {
-  AlignedBox box;  // holds the centres of the vertices and the material
-  // ξ ≈ guess + slope (x − centre of the box), off by `error` at most for points of the patch [cells].
+  AlignedBox box;  // around the centres of the vertices and the material
+  // ξ ≈ guess + slope (x − centre of the box), off by `error` at most for points of the patch [cubes].
   Vec3 guess;
   Mat3 slope;
   double error;
   double stretch;  // lengths of the patch have grown by no more, but for what moves it otherwise than affinely
 };
 
-// A patch's vertices and the material below them. Its contact rows hold the control points on the path from the root to
+// A patch's vertices and the material below them. Its contact rows have the control points on the path from the root to
 // its geom's body and those that do not move; weights of others, rare and small, are left out and the rest scaled to
 // sum 1.
 struct PatchVolume {
   static PatchVolume Create(const mjModel* m, const ContactModel& contact, const Kinematics& kinematics, int patch);
 
   // x: where the control points are in the world, by control point [m].
-  PatchPose Pose(const Lattice& lattice, const Vec3* x) const;
+  PatchPose Pose(const DistanceField& field, const Vec3* x) const;
 
   // How far apart its vertices are, and whether it has material between them.
   void SetCover(const ContactModel& contact, const Kinematics& kinematics, int patch);
 
-  // Whether material of this patch may be within `error` of ξ [cells]; error ≤ kTrusted.
-  bool Near(const Lattice& lattice, const Vec3& xi, double error) const;
+  // Whether material of this patch may be within `error` of ξ [cubes]; error ≤ kTrusted.
+  bool Near(const DistanceField& field, const Vec3& xi, double error) const;
 
-  std::vector<uint8_t> holds;  // whether rows hold the control point            (k)
-  int first_vertex = 0;        // of the patch in Lattice::vertex
-  std::vector<int32_t> point;  // control points that move any of it             (p)
-  std::vector<double> mean;    // a_j                                            (p)
-  std::vector<Vec3> slope;     // g_j [1/m]                                      (p)
-  std::vector<Vec3> offset;    // x̄_j − p̄₀ [m]                                   (p)
-  std::vector<double> rest;    // largest |e_j|                                  (p)
-  Vec3 origin{};               // p̄₀ [m]
-  std::vector<uint8_t> steps;  // of each lattice node: to the nearest of the patch, in cells along the axes
-  Vec3 half{};                 // largest |p̄ − p̄₀| along each axis [m]
-  bool solid = false;          // whether nodes of the lattice are inside
+  std::vector<uint8_t> in_rows;  // whether rows have the control point          (k)
+  int first_vertex = 0;          // of the patch in DistanceField::vertex
+  std::vector<int32_t> point;    // control points that move any of it             (p)
+  std::vector<double> mean;      // a_j                                            (p)
+  std::vector<Vec3> slope;       // g_j [1/m]                                      (p)
+  std::vector<Vec3> offset;      // x̄_j − p̄₀ [m]                                   (p)
+  std::vector<double> residual;  // largest |e_j|                                  (p)
+  Vec3 origin{};                 // p̄₀ [m]
+  std::vector<uint8_t> steps;    // of each node: to the nearest of the patch, in cubes along the axes
+  Vec3 half{};                   // largest |p̄ − p̄₀| along each axis [m]
+  bool solid = false;            // whether nodes of the field are inside
   // At rest no place of its surface is farther from its nearest vertex; if it is not solid, no vertex from another [m].
   double cover = 0;
 };
 
-// The contact vertices that hang on one body, in clusters; never written after creation, so threads may share it.
+// The contact vertices that hang on one body, in clusters; never written after creation, so threads may read it.
 struct Patch {
   int geom = -1;
   int vertices = 0;              // number of vertices n, cluster after cluster
@@ -107,17 +102,11 @@ struct ContactModel {
   // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
   // only.
   bool has_volume = false;
-  Lattice lattice;
+  DistanceField field;
 
-  // What small is to the body [m]: a cell of the lattice, if it has one.
-  double cell() const { return has_volume ? lattice.spacing : radius; }
+  // What small is to the body [m]: a cube of the lattice, if it has one.
+  double resolution() const { return has_volume ? field.spacing : radius; }
 };
-
-// A guess that is off by no more can rule a patch out.
-inline constexpr double kTrusted = 2;  // [cells]
-
-// A node of which the rows hold less weight than this belongs to another branch of the tree.
-inline constexpr double kHeld = 0.5;  // [-]
 
 }  // namespace mjframes
 

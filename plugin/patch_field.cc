@@ -5,18 +5,13 @@
 #include <memory>
 #include <mutex>
 
+#include "constants.h"
 #include "placed.h"
 #include "plugin.h"
 #include "world.h"
 
 namespace mjframes {
 namespace {
-
-// Rays go on by the distance, and stop where it vanishes, within forty steps: close is there, and outside a step stays
-// on this side of a surface whose distance is interpolated.
-constexpr double kThere = 1e-3;    // [cells]
-constexpr double kCareful = 0.97;  // [-]
-constexpr double kStep = 0.5;      // [cells] where nothing is known but that the surface is not here
 
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
 
@@ -72,23 +67,23 @@ int SoftInstanceOf(const mjModel* m, int geom) {
 }
 
 double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
-  const std::lock_guard held(contact.states()[patch]->mutex);
-  const double cell = contact.model().cell();
-  const Placed soft = Place(contact, patch, d, cell);
+  const std::lock_guard lock(contact.states()[patch]->mutex);
+  const double resolution = contact.model().resolution();
+  const Placed soft = Place(contact, patch, d, resolution);
   const PatchVolume& volume = contact.model().patches[patch].volume;
   const double cover = volume.cover * soft.pose.stretch;
   const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox();
   Vec3 nearest;  // of the box
   for (int i = 0; i < 3; i++) nearest[i] = std::clamp(p[i], box.centre[i] - box.half[i], box.centre[i] + box.half[i]);
   const double gap = Norm(p - nearest);
-  if (gap > cover + cell) {
+  if (gap > cover + resolution) {
     *normal = Direction(nearest, p);
     return volume.solid ? gap : gap - cover;
   }
   double distance;
   Vec3 xi;
   if (volume.solid && soft.Distance(p, false, &xi, &distance, normal)) {
-    if (std::abs(distance) < kThere * cell) return 0;
+    if (std::abs(distance) < kThere * resolution) return 0;
     if (distance > 0) return kCareful * distance;
     if (soft.Distance(p, true, &xi, &distance, normal)) return distance;
   }
@@ -97,7 +92,7 @@ double FieldDistance(const SoftContact& contact, int patch, const mjData* d, con
   const Vec3 vertex = {vertices[s], vertices[n + s], vertices[2 * n + s]};
   *normal = Direction(vertex, p);
   distance = Norm(p - vertex) - cover;
-  return volume.solid ? std::max({gap, distance, kStep * cell}) : distance;
+  return volume.solid ? std::max({gap, distance, kRayStep * resolution}) : distance;
 }
 
 void RegisterPatchField() {

@@ -65,12 +65,12 @@ void CopyShares(const Touch* touch, int count, const double* from, double* to) {
 
 PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch)
     : contact_(contact), kinematics_(kinematics), patch_(contact.patches[patch]), axes_(kIdentity) {
-  const std::vector<uint8_t>& holds = patch_.volume.holds;
-  for (size_t j = 0; j < holds.size(); j++) {
-    if (holds[j]) point_.push_back(static_cast<int32_t>(j));
+  const std::vector<uint8_t>& in_rows = patch_.volume.in_rows;
+  for (size_t j = 0; j < in_rows.size(); j++) {
+    if (in_rows[j]) point_.push_back(static_cast<int32_t>(j));
   }
   for (const int32_t j : patch_.point) {
-    if (holds.empty() || !holds[j]) point_.push_back(j);
+    if (in_rows.empty() || !in_rows[j]) point_.push_back(j);
   }
   constexpr double kNowhere = std::numeric_limits<double>::quiet_NaN();  // equal to nothing
   x_.assign(kinematics.points().size(), {kNowhere, kNowhere, kNowhere});
@@ -96,7 +96,7 @@ void PatchState::Update(const mjData* d) {
 }
 
 const PatchPose& PatchState::Pose() {
-  if (!posed_ && contact_.has_volume) pose_ = patch_.volume.Pose(contact_.lattice, x_.data());
+  if (!posed_ && contact_.has_volume) pose_ = patch_.volume.Pose(contact_.field, x_.data());
   posed_ = true;
   return pose_;
 }

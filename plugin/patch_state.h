@@ -22,7 +22,7 @@ namespace mjframes {
 
 class Kinematics;
 
-// It belongs to one mjData; whoever uses its states holds their mutex.
+// It belongs to one mjData; whoever uses its states has locked their mutex.
 class PatchState {
  public:
   PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch);
@@ -39,7 +39,7 @@ class PatchState {
   // World positions of the vertices by component: [c n + s] = Σ_j W_j(s) x_j
   const double* Vertices();
 
-  // Holds them.
+  // Around them.
   const AlignedBox& VertexBox() {
     Vertices();
     return box_;

@@ -1,6 +1,6 @@
 #include "placed.h"
 
-#include "lattice.h"
+#include "distance_field.h"
 #include "simd.h"
 #include "soft_contact.h"
 
@@ -41,17 +41,17 @@ int Placed::NearestVertex(const Vec3& p) const { return Nearest(state->Vertices(
 
 bool Placed::Above(const Vec3& p, double height) const {
   if (pose.error > kTrusted) return false;
-  const Lattice& lattice = deformed.contact().lattice;
+  const DistanceField& field = deformed.contact().field;
   int nodes[8];
   Vec3 fraction, gradient;
-  if (!lattice.Cell(pose.guess + Mul(pose.slope, p - pose.box.centre), nodes, &fraction)) return false;
-  // guesses of p and of the surface are both off by the error; the surface bends, so twice the cells a metre
-  const double cells = lattice.Distance(nodes, fraction, &gradient) / lattice.spacing - 2 * pose.error;
-  return cells > 2 * height * NormBound(pose.slope);
+  if (!field.CubeAt(pose.guess + Mul(pose.slope, p - pose.box.centre), nodes, &fraction)) return false;
+  // guesses of p and of the surface are both off by the error; the surface bends, so twice the cubes a metre
+  const double cubes = field.Distance(nodes, fraction, &gradient) / field.spacing - 2 * pose.error;
+  return cubes > 2 * height * NormBound(pose.slope);
 }
 
 bool Placed::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
-  if (own && !pose.box.Holds(p, room)) return false;
+  if (own && !pose.box.Contains(p, room)) return false;
   *xi = pose.guess + Mul(pose.slope, p - pose.box.centre);
   if (pose.error > kTrusted) {
     *xi = deformed.VertexPoint(NearestVertex(p));

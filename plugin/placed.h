@@ -30,7 +30,7 @@ struct Placed {
   int NearestVertex(const Vec3& p) const;
 };
 
-// The caller holds the mutex of the patch's state.
+// The caller has locked the mutex of the patch's state.
 Placed Place(const SoftContact& contact, int patch, const mjData* d, double room);
 
 }  // namespace mjframes

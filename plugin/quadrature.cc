@@ -4,13 +4,12 @@
 #include <cmath>
 #include <utility>
 
+#include "constants.h"
 #include "hessian.h"
 #include "simd.h"
 
 namespace mjframes {
 namespace {
-
-constexpr double kLeastVolume = 1e-6;  // [-] least |J| that Cauchy's stress is divided by
 
 MJFRAMES_INLINE double At(const Lanes* a, int entry, int lane) {
   return reinterpret_cast<const double*>(a)[entry * kLanes + lane];

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <numbers>
 
+#include "constants.h"
+
 namespace mjframes {
 namespace {
-
-constexpr int kJacobiSweeps = 12;  // a 4×4 symmetric matrix needs at most 6
 
 Mat3 FromQuaternion(const std::array<double, 4>& q) {
   const double w = q[0], x = q[1], y = q[2], z = q[3];

@@ -6,16 +6,11 @@
 #ifndef MJFRAMES_PLUGIN_ROTATION_H_
 #define MJFRAMES_PLUGIN_ROTATION_H_
 
+#include "constants.h"
 #include "linear.h"
 #include "simd.h"
 
 namespace mjframes {
-
-// Of Newton's iteration.
-inline constexpr int kRotationSteps = 8;     // quadratic convergence: a guess within 1 rad needs 3 to 5
-inline constexpr double kRotated = 1e-8;     // [rad] quadratic convergence: the next correction is below rounding
-inline constexpr double kTrustRadius = 0.7;  // [rad] longest Newton correction that is followed
-inline constexpr double kMinTwist = 1e-6;    // [-] relative to |F|: below, Newton's matrix is useless
 
 // F: deformation gradient [-].  guess: any rotation; a close one makes it cheap. The result depends on it only
 // in rounding, and on a set of measure zero (F with no unique closest rotation).

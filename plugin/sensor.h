@@ -4,9 +4,9 @@
 //   ε = sym(Σ_j y_j ∇W_jᵀ + L y), y_j = Rᵀ x_j − x̄_j        corotational, R of the point's region
 //   ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
 //
-// The sensor's object is the body that holds the soft body. F maps volume coordinates to the world, σ is in the world's
-// axes. Each sensor has an instance of its own. Computed in the velocity stage, from positions and velocities alone.
-// Index letters: n material point; j control point.
+// The sensor's object is the body that the soft body hangs on. F maps volume coordinates to the world, σ is in the
+// world's axes. Each sensor has an instance of its own. Computed in the velocity stage, from positions and velocities
+// alone. Index letters: n material point; j control point.
 
 #ifndef MJFRAMES_PLUGIN_SENSOR_H_
 #define MJFRAMES_PLUGIN_SENSOR_H_

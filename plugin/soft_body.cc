@@ -5,16 +5,11 @@
 #include <utility>
 
 #include "attributes.h"
+#include "constants.h"
 #include "parse.h"
 #include "requirements.h"
 
 namespace mjframes {
-namespace {
-
-constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
-
-}  // namespace
-
 std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   Reader reader(m, instance);
   std::shared_ptr<const SoftModel> model = FindModel(m, instance, &reader);

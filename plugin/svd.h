@@ -7,12 +7,10 @@
 #ifndef MJFRAMES_PLUGIN_SVD_H_
 #define MJFRAMES_PLUGIN_SVD_H_
 
+#include "constants.h"
 #include "simd.h"
 
 namespace mjframes {
-
-inline constexpr int kSvdSweeps = 8;          // a 3×3 matrix needs 3 to 5
-inline constexpr double kOrthogonal = 1e-30;  // [-] squared cosine between columns that counts as zero
 
 // Rotates columns p and q of B and V; true where they were not orthogonal yet.
 template <typename T>

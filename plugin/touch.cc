@@ -4,8 +4,9 @@
 #include <cmath>
 #include <mutex>
 
+#include "constants.h"
 #include "deformed.h"
-#include "distance.h"
+#include "geom_distance.h"
 #include "patch_state.h"
 #include "placed.h"
 #include "simd.h"
@@ -14,19 +15,12 @@
 namespace mjframes {
 namespace {
 
-// What is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
-constexpr double kBlend = 1;  // [-]
-
-constexpr double kOutward = 0.5;  // [-] cosine to the surface's normal above which a contact pushes outwards
-constexpr double kMargin = 1e-9;  // [m] more than rounding
-constexpr int kSupportSteps = 4;  // from an ellipsoid's centre to its point nearest to the surface
-
 Vec3 Vertex(const double* vertices, int n, int s) { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
 
 // The patches of a pair, which no other thread uses meanwhile.
-class Held {
+class PatchLocks {
  public:
-  Held(const int geom[2], const SoftSide side[2]) {
+  PatchLocks(const int geom[2], const SoftSide side[2]) {
     const int first = geom[0] < geom[1] ? 0 : 1;  // in one order everywhere: no two threads wait for each other
     for (const int s : {first, 1 - first}) {
       if (side[s].body) lock_[s] = std::unique_lock(side[s].body->contact().states()[side[s].patch]->mutex);
@@ -95,7 +89,7 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
   const double radius = soft.deformed.contact().radius;
-  if (other.LowerBound(soft.state->VertexBox()) > std::max(0.0, margin) + radius + kMargin) return 0;
+  if (other.LowerBound(soft.state->VertexBox()) > std::max(0.0, margin) + radius + kBoxMargin) return 0;
   const Patch& patch = soft.deformed.patch();
   const int n = patch.vertices;
   const double* vertices = soft.state->Vertices();
@@ -126,7 +120,7 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
   Vec3 p = centre, xi, normal;
   double distance;
   const mjtNum* size = m->geom_size + 3 * geom;
-  if (!soft.pose.box.Holds(centre, soft.room + std::max({size[0], size[1], size[2]}))) return centre;
+  if (!soft.pose.box.Contains(centre, soft.room + std::max({size[0], size[1], size[2]}))) return centre;
   if (!soft.Distance(centre, false, &xi, &distance, &normal)) normal = centre - soft.pose.box.centre;
   for (int step = 0; step < kSupportSteps; step++) {
     p = centre + Mul(axes, EllipsoidSupport(size, MulT(axes, -1 * normal)));
@@ -159,11 +153,11 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
   int count = 0;
   for (int c = 0; c < features.clusters.count; c++) {
     const FeatureCluster& cluster = features.clusters.cluster[c];
-    if (!features.round && cluster.box.Apart(box, 2 * kMargin)) continue;
+    if (!features.round && cluster.box.Apart(box, 2 * kBoxMargin)) continue;
     int found = 0;
     for (size_t i = cluster.begin; i < cluster.end && found < kMost; i++) {
       const Vec3& position = features.points[i];
-      if (!(features.round || box.Holds(position, kMargin))) continue;
+      if (!(features.round || box.Contains(position, kBoxMargin))) continue;
       Near& candidate = near[found];
       candidate.p = world(position);
       if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
@@ -224,7 +218,7 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   for (int s = 0; s < 2; s++) {
     if (side[s].body && side[s].patch < 0) return 0;
   }
-  const Held held(geom, side);
+  const PatchLocks locks(geom, side);
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
   double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
   if (side[0].body && side[1].body) {
@@ -263,7 +257,7 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
   if (side[0].body && side[1].body) return 0;
   const int s = side[1].body ? 1 : 0;
   if (side[s].patch < 0) return 0;
-  const Held held(geom, side);
+  const PatchLocks locks(geom, side);
   PatchState* state = side[s].body->contact().states()[side[s].patch].get();
   state->Update(d);
   const int count = state->Recall(d, geom[1 - s], out, scratch->share[s]);
@@ -276,7 +270,7 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {
   PatchState* state = side[s].body->contact().states()[side[s].patch].get();
-  const std::lock_guard held(state->mutex);
+  const std::lock_guard lock(state->mutex);
   const DeformedPatch deformed(side[s].body->contact().model(), side[s].patch, state->positions());
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
@@ -295,7 +289,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight) {
-  const std::lock_guard held(side.body->contact().states()[side.patch]->mutex);
+  const std::lock_guard lock(side.body->contact().states()[side.patch]->mutex);
   const Placed soft = Place(side.body->contact(), side.patch, d, 0);
   Vec3 xi, normal;
   double distance;

@@ -7,10 +7,12 @@
 //
 //   2 f'(3) + 4 c₂ = d,   2 f'(3) + 2 c₂ = μ,   4 f''(3) − 2 f'(3) + κ = K − 2/3 μ.
 //
-// Nothing holds a collapsed point at F = 0 if f'(0) = 0: there, ψ of F = s I falls with s all the way to s = 1.
+// Nothing brings back a collapsed point at F = 0 if f'(0) = 0: there, ψ of F = s I falls with s all the way to s = 1.
 
 #ifndef MJFRAMES_PLUGIN_LAWS_LAW_H_
 #define MJFRAMES_PLUGIN_LAWS_LAW_H_
+
+#include "../constants.h"
 
 namespace mjframes {
 
@@ -29,9 +31,7 @@ struct Stretch {
 };
 
 // I₁ for those laws whose own f'(0) is not 0: ρ = I₁ from I₁ = kCollapsing on, which J ≥ 0.36 is enough for, and below
-// that a cubic with ρ'(0) = 0 and continuous ρ''. At 1.5 no second minimum is left for ν ≥ 0, at 0.9 one is.
-inline constexpr double kCollapsing = 1.5;  // [-]
-
+// that a cubic with ρ'(0) = 0 and continuous ρ''.
 inline Stretch RegularInvariant(double i1) {
   const double x = i1 / kCollapsing;
   if (x >= 1) return {i1, 1, 0};

@@ -16,7 +16,7 @@ namespace mjframes {
 
 enum class Law { kGreenLagrange, kNeoHookean, kMooneyRivlin, kArrudaBoyce };
 
-inline constexpr int kLawConstants = 3;  // of a material, as the configuration gives them
+inline constexpr int kLawConstants = 3;  // of a material, as the attributes give them
 
 inline std::optional<Law> LawOfName(std::string_view name) {
   if (name == "green_lagrange") return Law::kGreenLagrange;

@@ -1,12 +1,12 @@
-#include "lattice.h"
+#include "distance_field.h"
 
 #include <algorithm>
 #include <cmath>
 
+#include "constants.h"
+
 namespace mjframes {
 namespace {
-
-constexpr int64_t kMaxNodes = 1 << 24;  // of the whole lattice: 64 MB of places
 
 bool Within(const std::vector<int32_t>& values, int64_t end) {
   return std::all_of(values.begin(), values.end(), [end](int32_t v) { return v >= 0 && v < end; });
@@ -14,15 +14,15 @@ bool Within(const std::vector<int32_t>& values, int64_t end) {
 
 }  // namespace
 
-std::string Lattice::Finish(int points, int patches, int vertices) {
+std::string DistanceField::Finish(int points, int patches, int vertices) {
   const size_t n = node.size();
   if (!(spacing > 0) || axes.size() != 9 || origin.size() != 3 || shape.size() != 3 ||
       *std::min_element(shape.begin(), shape.end()) < 2) {
     return "its lattice has no valid shape";
   }
   int64_t total = 1;
-  for (const int32_t length : shape) total = total > kMaxNodes ? total : total * length;
-  if (total > kMaxNodes || !Within(node, total) || !std::is_sorted(node.begin(), node.end())) {
+  for (const int32_t length : shape) total = total > kMaxLatticeNodes ? total : total * length;
+  if (total > kMaxLatticeNodes || !Within(node, total) || !std::is_sorted(node.begin(), node.end())) {
     return "its lattice's nodes are not in the lattice";
   }
   start.assign(1, 0);
@@ -39,7 +39,7 @@ std::string Lattice::Finish(int points, int patches, int vertices) {
   return "";
 }
 
-Vec3 Lattice::Coordinates(const Vec3& p) const {
+Vec3 DistanceField::Coordinates(const Vec3& p) const {
   Vec3 xi{};
   for (int i = 0; i < 3; i++) {
     for (int c = 0; c < 3; c++) xi[i] += axes[3 * c + i] * (p[c] - origin[c]) / spacing;
@@ -47,7 +47,7 @@ Vec3 Lattice::Coordinates(const Vec3& p) const {
   return xi;
 }
 
-Vec3 Lattice::Place(int number) const {
+Vec3 DistanceField::Place(int number) const {
   const int32_t at = node[number], plane = shape[1] * shape[2];
   const double xi[3] = {static_cast<double>(at / plane), static_cast<double>(at / shape[2] % shape[1]),
                         static_cast<double>(at % shape[2])};
@@ -59,7 +59,7 @@ Vec3 Lattice::Place(int number) const {
   return p;
 }
 
-bool Lattice::Cell(const Vec3& xi, int* nodes, Vec3* fraction) const {
+bool DistanceField::CubeAt(const Vec3& xi, int* nodes, Vec3* fraction) const {
   int64_t base[3];
   for (int i = 0; i < 3; i++) {
     if (!(xi[i] >= 0) || !(xi[i] < shape[i] - 1)) return false;
@@ -75,14 +75,14 @@ bool Lattice::Cell(const Vec3& xi, int* nodes, Vec3* fraction) const {
   return true;
 }
 
-std::array<double, 8> Shares(const Vec3& f) {
+std::array<double, 8> TrilinearWeights(const Vec3& f) {
   const double x[2] = {1 - f[0], f[0]}, y[2] = {1 - f[1], f[1]}, z[2] = {1 - f[2], f[2]};
-  std::array<double, 8> share;
-  for (int corner = 0; corner < 8; corner++) share[corner] = x[corner & 1] * y[corner >> 1 & 1] * z[corner >> 2];
-  return share;
+  std::array<double, 8> weight;
+  for (int corner = 0; corner < 8; corner++) weight[corner] = x[corner & 1] * y[corner >> 1 & 1] * z[corner >> 2];
+  return weight;
 }
 
-double Lattice::Distance(const int* nodes, const Vec3& f, Vec3* gradient) const {
+double DistanceField::Distance(const int* nodes, const Vec3& f, Vec3* gradient) const {
   const double x[2] = {1 - f[0], f[0]}, y[2] = {1 - f[1], f[1]}, z[2] = {1 - f[2], f[2]};
   double value = 0;
   *gradient = {};

@@ -1,21 +1,18 @@
-#include "distance.h"
+#include "geom_distance.h"
 
 #include <algorithm>
 #include <cmath>
 
+#include "constants.h"
 #include "height_field.h"
 
 namespace mjframes {
 namespace {
 
-constexpr double kTiny = 1e-15;       // [m] below this an offset has no direction
-constexpr double kConverged = 1e-14;  // [-] residual of the ellipsoid's equation
-constexpr int kNewtonSteps = 50;      // far more than the flattest ellipsoid needs
-
 // Unit vector along v, or `otherwise` where v vanishes.
 Vec3 Direction(const Vec3& v, const Vec3& otherwise) {
   const double norm = Norm(v);
-  return norm > kTiny ? (1 / norm) * v : otherwise;
+  return norm > kNoDirection ? (1 / norm) * v : otherwise;
 }
 
 double Sign(double x) { return x < 0 ? -1 : 1; }
@@ -41,7 +38,7 @@ double Box(const Vec3& p, const Vec3& half, Vec3* normal) {
 
 double Cylinder(const Vec3& p, double radius, double half, Vec3* normal) {
   const double rho = std::sqrt(p[0] * p[0] + p[1] * p[1]);
-  const Vec3 radial = rho > kTiny ? Vec3{p[0] / rho, p[1] / rho, 0} : Vec3{1, 0, 0};
+  const Vec3 radial = rho > kNoDirection ? Vec3{p[0] / rho, p[1] / rho, 0} : Vec3{1, 0, 0};
   const Vec3 axial = {0, 0, Sign(p[2])};
   const double side = rho - radius, cap = std::abs(p[2]) - half;
   if (side <= 0 || cap <= 0) {

@@ -1,7 +1,7 @@
 // Signed distance from a point to MuJoCo's geoms, with the outward normal there.
 
-#ifndef MJFRAMES_PLUGIN_DISTANCE_H_
-#define MJFRAMES_PLUGIN_DISTANCE_H_
+#ifndef MJFRAMES_PLUGIN_GEOM_DISTANCE_H_
+#define MJFRAMES_PLUGIN_GEOM_DISTANCE_H_
 
 #include <mujoco/mujoco.h>
 
@@ -55,4 +55,4 @@ struct GeomQuery {
 
 }  // namespace mjframes
 
-#endif  // MJFRAMES_PLUGIN_DISTANCE_H_
+#endif  // MJFRAMES_PLUGIN_GEOM_DISTANCE_H_

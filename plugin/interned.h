@@ -1,8 +1,9 @@
-// Values that never change, made once and held by whoever asks with the same key while anyone does: mjDatas of a model,
-// of its copies, and of models with the same soft body in them. Any threads may ask; none waits while a value is made.
+// Values that never change, made once and kept for whoever asks with the same key while anyone does: mjDatas of a
+// model, of its copies, and of models with the same soft body in them. Any threads may ask; none waits while a value is
+// made.
 
-#ifndef MJFRAMES_PLUGIN_SHARED_H_
-#define MJFRAMES_PLUGIN_SHARED_H_
+#ifndef MJFRAMES_PLUGIN_INTERNED_H_
+#define MJFRAMES_PLUGIN_INTERNED_H_
 
 #include <map>
 #include <memory>
@@ -14,14 +15,14 @@ namespace mjframes {
 
 // The value of a key; make() gives a unique_ptr to a new one, null for none.
 template <typename T, typename Make>
-std::shared_ptr<const T> Shared(const std::string& key, const Make& make) {
+std::shared_ptr<const T> Interned(const std::string& key, const Make& make) {
   struct Known {
     std::mutex mutex;
     std::map<std::string, std::weak_ptr<const T>> values;
   };
   static Known& known = *new Known;  // never destroyed: mjDatas may outlive static objects
   {
-    const std::lock_guard held(known.mutex);
+    const std::lock_guard lock(known.mutex);
     const auto found = known.values.find(key);
     if (found != known.values.end()) {
       if (std::shared_ptr<const T> value = found->second.lock()) return value;
@@ -31,11 +32,11 @@ std::shared_ptr<const T> Shared(const std::string& key, const Make& make) {
   if (!made) return nullptr;
   std::shared_ptr<const T> mine(made.release(), [](const T* value) {
     delete value;
-    const std::lock_guard held(known.mutex);
+    const std::lock_guard lock(known.mutex);
     std::erase_if(known.values, [](const auto& entry) { return entry.second.expired(); });
   });
   std::shared_ptr<const T> other;  // what another thread has made meanwhile; let go of after the lock is
-  const std::lock_guard held(known.mutex);
+  const std::lock_guard lock(known.mutex);
   std::weak_ptr<const T>& value = known.values[key];
   other = value.lock();
   if (!other) value = mine;
@@ -60,4 +61,4 @@ class Key {
 
 }  // namespace mjframes
 
-#endif  // MJFRAMES_PLUGIN_SHARED_H_
+#endif  // MJFRAMES_PLUGIN_INTERNED_H_

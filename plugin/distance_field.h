@@ -1,9 +1,10 @@
-// The rest shape of a soft body on a coarse lattice: signed distance to its surface and control weights at the nodes.
+// The signed distance field of a soft body's rest shape, and its control weights, at the nodes of a coarse lattice.
 //
-// A material point is written in lattice coordinates ξ [cells]; between nodes everything is trilinear.
+// A material point is written in the lattice's coordinates ξ [cubes], a cube being what is between eight nodes; there
+// everything is trilinear.
 
-#ifndef MJFRAMES_PLUGIN_LATTICE_H_
-#define MJFRAMES_PLUGIN_LATTICE_H_
+#ifndef MJFRAMES_PLUGIN_DISTANCE_FIELD_H_
+#define MJFRAMES_PLUGIN_DISTANCE_FIELD_H_
 
 #include <array>
 #include <cstdint>
@@ -14,12 +15,12 @@
 
 namespace mjframes {
 
-struct Lattice {
+struct DistanceField {
   double spacing = 0;            // of the nodes [m]
   std::vector<double> axes;      // its directions in the soft body's axes, columns   (3 × 3)
   std::vector<double> origin;    // of node 0 at rest [m]                        (3)
   std::vector<int32_t> shape;    // nodes along each axis                        (3)
-  std::vector<int32_t> node;     // those kept, by their place in the lattice    (n, ascending)
+  std::vector<int32_t> node;     // those kept, by their place in the lattice   (n, ascending)
   std::vector<double> distance;  // φ, negative inside [m]                       (n)
   std::vector<int32_t> patch;    // whose contact vertices are nearest           (n)
   std::vector<int32_t> count;    // control points that move each node           (n)
@@ -42,15 +43,15 @@ struct Lattice {
   Vec3 Place(int node) const;
 
   // The eight nodes around ξ, x fastest, and where ξ is among them; false where one is missing.
-  bool Cell(const Vec3& xi, int* nodes, Vec3* fraction) const;
+  bool CubeAt(const Vec3& xi, int* nodes, Vec3* fraction) const;
 
   // φ [m] and ∂φ/∂ξ.
   double Distance(const int* nodes, const Vec3& fraction, Vec3* gradient) const;
 };
 
-// Shares of a cell's eight nodes in a point within it.
-std::array<double, 8> Shares(const Vec3& fraction);
+// Weights of a cube's eight nodes in a point within it.
+std::array<double, 8> TrilinearWeights(const Vec3& fraction);
 
 }  // namespace mjframes
 
-#endif  // MJFRAMES_PLUGIN_LATTICE_H_
+#endif  // MJFRAMES_PLUGIN_DISTANCE_FIELD_H_

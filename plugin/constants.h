@@ -1,0 +1,114 @@
+// All constants that were chosen, with their units and reasons.
+
+#ifndef MJFRAMES_PLUGIN_CONSTANTS_H_
+#define MJFRAMES_PLUGIN_CONSTANTS_H_
+
+#include <cstddef>
+#include <cstdint>
+
+namespace mjframes {
+
+// Elasticity, law `corotational` (corotational.h)
+
+// [-] of e, above which θ is 1: frames turned by less than 66° against their region and nowhere shortened below 0.4.
+inline constexpr double kAgreeing = 0.4;
+// [-] of e, below which θ is 0. Positive, so that ĝ has taken over before a frame is flat and can be turned over.
+inline constexpr double kOpposed = 0.1;
+// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape
+// turns as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f
+// is not the exact gradient anyway, and steps along rotations that are not well determined overshoot: soft = θ
+// kSoftTwist + (1 − θ) kSoftTwistApart.
+inline constexpr double kSoftTwist = 0.1;       // [-]
+inline constexpr double kSoftTwistApart = 1.0;  // [-] half of what it is at rest
+
+// [-] of the sum of a shape's second moments: along a direction in which it reaches less far it does not show its turn.
+inline constexpr double kFlatShape = 1e-3;
+inline constexpr double kTinyShape = 1e-15;  // [m²] the same of a region that one point moves
+
+// [-] of A Z. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
+inline constexpr double kSingular = 1e-8;
+
+// Elasticity, other laws (quadrature.h, hessian.h, laws/law.h)
+
+// [-] of I₁, below which laws whose own f'(0) is not 0 are bent (laws/law.h). At 1.5 no second minimum is left for ν ≥
+// 0, at 0.9 one is.
+inline constexpr double kCollapsing = 1.5;
+inline constexpr double kCertain = 1.001;  // [-] beyond which an eigenvalue is certainly above its bound …
+inline constexpr double kRounding = 1e-6;  // … and, of |A|, above zero
+inline constexpr double kLongestStep = 1;  // [-] the longest Newton step, in F; strains well below it are not affected
+inline constexpr double kLeastVolume = 1e-6;  // [-] least |J| that Cauchy's stress is divided by
+
+// Closest rotation and singular values (rotation.h, svd.h)
+
+// Of Newton's iteration.
+inline constexpr int kRotationSteps = 8;      // quadratic convergence: a guess within 1 rad needs 3 to 5
+inline constexpr double kRotated = 1e-8;      // [rad] quadratic convergence: the next correction is below rounding
+inline constexpr double kTrustRadius = 0.7;   // [rad] longest Newton correction that is followed
+inline constexpr double kMinTwist = 1e-6;     // [-] relative to |F|: below, Newton's matrix is useless
+inline constexpr int kJacobiSweeps = 12;      // a 4×4 symmetric matrix needs at most 6
+inline constexpr int kSvdSweeps = 8;          // a 3×3 matrix needs 3 to 5
+inline constexpr double kOrthogonal = 1e-30;  // [-] squared cosine between columns that counts as zero
+
+// Kinematics and factorization (kinematics.h, factor.h)
+
+inline constexpr int kMaxCarried = 10;     // points on one body: those of a quadratic frame
+inline constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
+inline constexpr int kMaxChain = 16;       // longer ones are cut: their U stays in the first-level cache
+inline constexpr int kTile = 4;            // rows that are updated together
+
+// Contact: patches and the deformed volume (patch.h, deformed.h, touch.h)
+
+// The collision hook has only the thread's stack to work on.
+inline constexpr int kMaxPatchVertices = 1024;
+
+// A cluster gives at most one contact; MuJoCo 4 allows a plane four with each geom.
+inline constexpr int kMaxClusters = 4;
+inline constexpr int64_t kMaxLatticeNodes = 1 << 24;  // of the whole lattice: 64 MB of places
+// A guess that is off by no more can rule a patch out.
+inline constexpr double kTrusted = 2;  // [cubes]
+
+// A node of which the rows have less weight than this belongs to another branch of the tree.
+inline constexpr double kLeastInRows = 0.5;                           // [-]
+inline constexpr int kTrustedCubes = static_cast<int>(kTrusted) + 1;  // [cubes]
+inline constexpr double kFound = 1e-13;                               // [m] rounding of a world position
+inline constexpr int kFindSteps = 20;                                 // of Newton's method; four are usual
+inline constexpr int kFullSteps = 6;  // after these it is damped: it may swing between cubes of unlike slope
+inline constexpr double kStride = 3;  // [cubes] longest step
+inline constexpr double kTie = 1e-3;  // [cubes] two patches may both have what is midway: neither would be worse
+inline constexpr int kClimbs = 3;     // steps up to the surface along the distance's gradient
+inline constexpr double kFlatDistance =
+    0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
+inline constexpr double kOnSurface = 1e-6;  // [cubes]
+inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turned inside out or flat
+// What is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
+inline constexpr double kBlend = 1;         // [-]
+inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
+inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
+inline constexpr int kSupportSteps = 4;     // from an ellipsoid's centre to its point nearest to the surface
+// A contact found again at the same place to rounding is the same; anything farther is another one.
+inline constexpr double kSamePlace = 1e-9;  // [m]
+// Rays go on by the distance, and stop where it vanishes, within forty steps: close is there, and outside a step stays
+// on this side of a surface whose distance is interpolated.
+inline constexpr double kThere = 1e-3;    // [cubes]
+inline constexpr double kCareful = 0.97;  // [-]
+inline constexpr double kRayStep = 0.5;   // [cubes] where nothing is known but that the surface is not here
+
+// Contact: rigid geoms (geom_distance.h, hull.h, height_field.h, geom_features.h)
+
+inline constexpr double kNoDirection = 1e-15;  // [m] below this an offset has no direction
+inline constexpr double kConverged = 1e-14;    // [-] residual of the ellipsoid's equation
+inline constexpr int kNewtonSteps = 50;        // far more than the flattest ellipsoid needs
+inline constexpr double kOnTerrain = 1e-9;     // [m] below this an offset is rounding and has no direction
+inline constexpr int kFewFaces = 128;          // that are looked at one by one
+inline constexpr int kLeafFaces = 8;           // that the tree does not part any more
+inline constexpr int kMostDepth = 64;          // of the tree, which is balanced
+inline constexpr size_t kMostCorners = 512;    // of a mesh: every 5° all around
+inline constexpr double kGoldenAngle = 2.39996322972865332;  // [rad] π (3 − √5): spreads directions evenly
+inline constexpr int kMaxFeatureClusters = 8;                // of a geom: one an octant
+inline constexpr int kEdgePoints = 3;                        // between the corners of a box: quarters
+inline constexpr int kRimPoints = 16;      // of a cylinder: between them the rim bulges by 2 % of the radius
+inline constexpr int kCapsulePoints = 17;  // at most, along the axis
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_CONSTANTS_H_
