@@ -31,8 +31,8 @@ from mjframes.elasticity.stiffness import Stiffness, region_stiffness
 from mjframes.frames.supports import Support, held_cores
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.contact_points import contact_points
+from mjframes.surface.distance_field import DistanceField, rest_distance_field
 from mjframes.surface.isosurface import Surface, extract_surface
-from mjframes.surface.lattice import Lattice, rest_lattice
 from mjframes.surface.patches import group_patches
 from mjframes.volume.grid import EVEN, Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
@@ -130,7 +130,7 @@ def build(
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, lattice = _surfaces(volume, grid, elastic.shapes, contact_radius)
+    skin, contact, field = _surfaces(volume, grid, elastic.shapes, contact_radius)
     condensed = elastic.condensed
     return SoftBody(
         parent=chosen.tree.parent,
@@ -146,7 +146,7 @@ def build(
         mode=mode,
         skin=skin,
         contact=contact,
-        lattice=lattice,
+        distance_field=field,
         damping=options.damping,
         error=condensed.error if condensed else None,
         fields=Fields(
@@ -245,7 +245,7 @@ def _is_consistent(mass: str | None, types: Sequence[str]) -> bool:
 
 def _surfaces(
     volume: Volume, grid: Grid, shapes: ShapeFunctions, contact_radius: float | None
-) -> tuple[Skin, ContactSpheres, Lattice]:
+) -> tuple[Skin, ContactSpheres, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
@@ -253,10 +253,10 @@ def _surfaces(
     weights = shapes.at(grid, spheres.positions)
     patches = group_patches(spheres.positions, spheres.normals, weights, shapes.control)
     spheres, weights = spheres.sorted(patches.order), sparse.csr_array(weights[patches.order])
-    lattice = rest_lattice(grid, shapes, surface, spheres, patches.patch, weights)
+    field = rest_distance_field(grid, shapes, surface, spheres, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
     contact = ContactSpheres(spheres.positions, spheres.radius, patches.patch, patches.cluster, weights)
-    return skin, contact, lattice
+    return skin, contact, field
 
 
 def _most_frames(frame_type: str | Sequence[str], voxels: int) -> int:

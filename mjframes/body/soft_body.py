@@ -19,7 +19,7 @@ from mjframes.elasticity.quadrature import Quadrature
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints
 from mjframes.kinematics.shape_functions import ShapeFunctions
-from mjframes.surface.lattice import Lattice
+from mjframes.surface.distance_field import DistanceField
 from mjframes.volume.material import Material
 from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.error import BodyError
@@ -71,7 +71,7 @@ class SoftBody:
     mass_difference: consistent minus lumped mass matrix of each region (m, m) [kg], none for lumped mass.
     mode: "implicit" or "explicit".
     skin, contact: its surfaces.
-    lattice: its rest shape, for contact.
+    distance_field: signed distance of its rest shape, for contact.
     damping: Rayleigh's (α [1/s], β [s]).
     error: against finite elements, None for the paper's method.
     fields: what is known at each voxel.
@@ -90,7 +90,7 @@ class SoftBody:
     mode: str
     skin: Skin
     contact: ContactSpheres
-    lattice: Lattice
+    distance_field: DistanceField
     damping: tuple[float, float]
     error: BodyError | None
     fields: Fields

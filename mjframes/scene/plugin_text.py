@@ -201,25 +201,25 @@ def _contact(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
         # the deformed volume is not Σ_j W_j x_j: such a body touches with its vertices only
         values["patch_offset"] = encode(np.concatenate([offset[spheres].T.ravel() for spheres in patches]))
         return values
-    return values | _lattice(body, patches)
+    return values | _distance_field(body, patches)
 
 
-def _lattice(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
-    lattice = body.lattice
+def _distance_field(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
+    field = body.distance_field
     number = np.empty(len(patches), int)  # of each patch of the body among those of the model
     number[[body.contact.patch[spheres[0]] for spheres in patches]] = np.arange(len(patches))
     return {
-        "lattice_spacing": repr(lattice.spacing),
+        "lattice_spacing": repr(field.spacing),
         "lattice_axes": encode(body.fields.volume.axes),
-        "lattice_origin": encode(lattice.origin),
-        "lattice_shape": encode(lattice.shape),
-        "lattice_node": encode(lattice.node),
-        "lattice_distance": encode(lattice.distance),
-        "lattice_patch": encode(number[lattice.patch]),
-        "lattice_count": encode(np.diff(lattice.weights.indptr)),
-        "lattice_point": encode(lattice.weights.indices),
-        "lattice_weight": encode(lattice.weights.data),
-        "lattice_sphere": encode(lattice.spheres[np.concatenate(patches)]),
+        "lattice_origin": encode(field.origin),
+        "lattice_shape": encode(field.shape),
+        "lattice_node": encode(field.node),
+        "lattice_distance": encode(field.distance),
+        "lattice_patch": encode(number[field.patch]),
+        "lattice_count": encode(np.diff(field.weights.indptr)),
+        "lattice_point": encode(field.weights.indices),
+        "lattice_weight": encode(field.weights.data),
+        "lattice_sphere": encode(field.spheres[np.concatenate(patches)]),
     }
 
 

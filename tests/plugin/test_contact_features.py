@@ -11,8 +11,8 @@ from builders.slabs import slab
 from mjframes.body.build import build
 from mjframes.scene.contact import Contact
 from mjframes.scene.view import soft
+from mjframes.surface.distance_field import signed_distance
 from mjframes.surface.isosurface import Surface
-from mjframes.surface.lattice import signed_distance
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
@@ -91,7 +91,7 @@ def test_a_ball_never_passes(speed: float) -> None:
 
 def test_lattice_knows_the_rest_shape() -> None:
     body = slab()
-    lattice = body.lattice
+    lattice = body.distance_field
     node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
     at = lattice.origin + lattice.spacing * node
     np.testing.assert_allclose(lattice.weights @ body.control.rest, at, atol=1e-12)  # at rest all is where it is
@@ -107,7 +107,7 @@ def test_a_ball_and_its_distance() -> None:
     x = (np.indices((24, 24, 24)) - 11.5) * 0.01
     labels = (np.linalg.norm(x, axis=0) < 0.1).astype(int)
     body = build(Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000)}), 2)
-    lattice = body.lattice
+    lattice = body.distance_field
     node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
     distance = np.linalg.norm(lattice.origin + lattice.spacing * node - 0.12, axis=1) - 0.1
     assert np.abs(lattice.distance - distance).max() < 0.2 * 0.01

@@ -94,8 +94,8 @@ def test_rays_hit_the_deformed_surface(body: Callable[[], SoftBody], bent: float
             errors.append(abs(found - expected))
     assert len(errors) > 40
     assert missed < 0.02 * len(errors)
-    assert np.median(errors) < 0.1 * made.lattice.spacing
-    assert np.quantile(errors, 0.95) < 1.5 * made.lattice.spacing  # edges are rounded
+    assert np.median(errors) < 0.1 * made.distance_field.spacing
+    assert np.quantile(errors, 0.95) < 1.5 * made.distance_field.spacing  # edges are rounded
 
 
 def test_many_rays_a_range_finder_and_picking() -> None:

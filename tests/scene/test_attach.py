@@ -157,10 +157,14 @@ def test_bad_places_are_refused(pos, quat) -> None:
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "contact": ({"contact": "yes"}, "contact is 'yes'; give True, False or a Contact"),
-    "parent": ({"parent": mujoco.MjSpec()}, "parent is a MjSpec; give a body of the scene, as spec.worldbody"),
+    "parent": ({"parent": mujoco.MjSpec()}, "parent is a MjSpec; give a body of the scene, or its name"),
+    "name": ({"parent": "arm"}, "parent is 'arm', but the bodies of the scene are: 'world'."),
+    "other": (
+        {"parent": mujoco.MjSpec().worldbody},
+        "parent is the body 'world' of another scene; give one of the spec's",
+    ),
     "body": ({"body": mixed()}, "body is a Volume; give the SoftBody that build"),
-    "spec": ({"spec": mujoco.MjSpec()}, "spec is of another scene; give the MjSpec that the parent 'world' belongs to"),
-    "model": ({"spec": "scene.xml"}, "spec is a str; give the MjSpec"),
+    "model": ({"spec": "scene.xml"}, "spec is a str; give the scene as an MjSpec, as MjSpec.from_file(path)"),
     "pos": ({"pos": "here"}, "pos is 'here'"),
 }
 
@@ -168,8 +172,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("wrong", WRONG)
 def test_arguments_of_other_types_are_refused(wrong: str) -> None:
     given, message = WRONG[wrong]
-    spec = mujoco.MjSpec()
-    arguments: dict[str, Any] = {"parent": spec.worldbody, "body": lump(), "name": "soft", **given}
+    arguments: dict[str, Any] = {"spec": mujoco.MjSpec(), "body": lump(), "name": "soft", **given}
     with pytest.raises(MjframesError, match=f"^{re.escape(message)}"):
         attach(**arguments)
 

@@ -1,4 +1,4 @@
-"""The rest shape on a coarse lattice: what a point inside a deformed soft body needs to know (the paper, §5.4).
+"""The signed distance of the rest shape on a coarse lattice: what a point inside a deformed soft body needs to know (the paper, §5.4).
 
 At each node n the signed distance φ_n to the surface at rest, negative inside, and the control weights W_j(n); between
 nodes both are trilinear. The deformed nodes x(n) = Σ_j W_j(n) x_j then give x at any material point, and inverting that
@@ -25,7 +25,7 @@ COVERED = 0.9  # [-] share of a node's weight that the control points of its pat
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class DistanceField:
     """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
 
     spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.
@@ -44,15 +44,15 @@ class Lattice:
     spheres: np.ndarray
 
 
-def rest_lattice(
+def rest_distance_field(
     grid: Grid,
     shapes: ShapeFunctions,
     surface: Surface,
     spheres: ContactPoints,
     patch: np.ndarray,
     sphere_weights: sparse.csr_array,
-) -> Lattice:
-    """The lattice of a soft body, as fine as its voxels if they are not too many.
+) -> DistanceField:
+    """Return the field of a soft body, its lattice as fine as its voxels if they are not too many.
 
     shapes: of the body.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
     """
@@ -70,7 +70,7 @@ def rest_lattice(
     active = distance < BAND * spacing
     nodes, index, distance = nodes[active], index[active], distance[active]
     node_weights = shapes.at(grid, nodes)
-    return Lattice(
+    return DistanceField(
         spacing=spacing,
         origin=grid.axes @ first,
         shape=shape,
