@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -171,7 +172,14 @@ def _strain_moduli(table: list[Material]) -> list[Material]:
 
 
 @njit(cache=True, nogil=True)
-def _list_voxels(labels, known, padded, index, material):
+def _list_voxels(
+    labels: NDArray[np.unsignedinteger],
+    known: NDArray[np.unsignedinteger],
+    padded: NDArray[np.int32],
+    index: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+) -> None:
+    """Fill padded, index (n, 3) and material (n,), the place in `known` of each voxel's label."""
     v = 0
     place = 0
     for a in range(labels.shape[0]):
@@ -189,7 +197,7 @@ def _list_voxels(labels, known, padded, index, material):
 
 
 @njit(cache=True, nogil=True)
-def root_of(parent, v):
+def root_of(parent: NDArray[np.int32], v: Any) -> int:
     """The representative of v's set, with the paths to it halved on the way (union–find)."""
     while parent[v] != v:
         parent[v] = parent[parent[v]]
@@ -198,7 +206,13 @@ def root_of(parent, v):
 
 
 @njit(cache=True, nogil=True)
-def _number_pieces(index, padded, material, is_rigid, piece):
+def _number_pieces(
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    is_rigid: NDArray[np.bool_],
+    piece: NDArray[np.int32],
+) -> None:
     """Numbers in the order of the pieces' first voxels."""
     for v in range(len(piece)):  # the array holds the parents of the rigid voxels first
         if not is_rigid[material[v]]:
@@ -223,7 +237,8 @@ def _number_pieces(index, padded, material, is_rigid, piece):
 
 
 @njit(cache=True, nogil=True)
-def _nearest(at, lookup, within):
+def _nearest(at: NDArray[np.float64], lookup: NDArray[np.int32], within: int) -> NDArray[np.int64]:
+    """Return the voxel (s,) nearest to places in index coordinates (s, 3), −1 where none is `within` reach."""
     voxel = np.full(len(at), -1, np.int64)
     for s in range(len(at)):
         low, high = np.empty(3, np.int64), np.empty(3, np.int64)

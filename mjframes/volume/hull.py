@@ -39,7 +39,9 @@ def in_convex_hull(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @njit(cache=True)
-def _cap(corners, planes, high, low):
+def _cap(
+    corners: NDArray[np.integer], planes: NDArray[np.float64], high: NDArray[np.float64], low: NDArray[np.float64]
+) -> None:
     """Lets each triangle (3, 3) of the hull end the columns in its shadow, edges included: whole numbers, so exactly.
 
     high, low: (nx, ny) the hull's ends along z.  planes: (t, 4) normal and offset.
