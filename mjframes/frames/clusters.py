@@ -48,7 +48,9 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
 
 
 @njit(cache=True, nogil=True)
-def improve(graph, sources, distance, label):
+def improve(
+    graph: ClusterGraph, sources: NDArray[np.integer], distance: NDArray[np.float64], label: NDArray[np.int32]
+) -> None:
     """Dijkstra's algorithm in place, from `sources` whose distance and label are new; ties go to the smaller label."""
     heap = np.empty(len(distance), np.int32)
     place = np.full(len(distance), -1, np.int32)  # where a cluster is in the heap; −1: not in it
@@ -59,13 +61,13 @@ def improve(graph, sources, distance, label):
             size += 1
         _raise(heap, place, place[u], u, distance, label)
     while size > 0:
-        u = heap[0]
+        u: int = heap[0]
         size -= 1
         place[u] = -1
         if size > 0:
             _lower(heap, size, place, heap[size], distance, label)
         for e in range(graph.start[u], graph.start[u + 1]):
-            v = graph.neighbour[e]
+            v: int = graph.neighbour[e]
             d = distance[u] + graph.cost[e]
             if d < distance[v] or (d == distance[v] and label[u] < label[v]):
                 distance[v], label[v] = d, label[u]
@@ -76,12 +78,19 @@ def improve(graph, sources, distance, label):
 
 
 @njit(cache=True, nogil=True)
-def _before(u, v, distance, label):
+def _before(u: int, v: int, distance: NDArray[np.float64], label: NDArray[np.int32]) -> bool:
     return distance[u] < distance[v] or (distance[u] == distance[v] and label[u] < label[v])
 
 
 @njit(cache=True, nogil=True)
-def _raise(heap, place, hole, v, distance, label):
+def _raise(
+    heap: NDArray[np.int32],
+    place: NDArray[np.int32],
+    hole: int,
+    v: int,
+    distance: NDArray[np.float64],
+    label: NDArray[np.int32],
+) -> None:
     """Put cluster v into the hole of a 4-ary heap and lift it to its place."""
     while hole > 0:
         parent = (hole - 1) >> 2
@@ -95,7 +104,14 @@ def _raise(heap, place, hole, v, distance, label):
 
 
 @njit(cache=True, nogil=True)
-def _lower(heap, size, place, v, distance, label):
+def _lower(
+    heap: NDArray[np.int32],
+    size: int,
+    place: NDArray[np.int32],
+    v: int,
+    distance: NDArray[np.float64],
+    label: NDArray[np.int32],
+) -> None:
     """Put cluster v into the hole at the top of a 4-ary heap of `size` entries and let it sink to its place."""
     hole = 0
     while True:
@@ -116,7 +132,13 @@ def _lower(heap, size, place, v, distance, label):
 
 
 @njit(cache=True, nogil=True)
-def _join(index, padded, material, block, cluster):
+def _join(
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    block: int,
+    cluster: NDArray[np.int32],
+) -> int:
     """The number of clusters; each voxel's, in the order of their first voxels."""
     for v in range(len(cluster)):
         a, b, c = index[v, 0], index[v, 1], index[v, 2]
@@ -144,7 +166,15 @@ def _join(index, padded, material, block, cluster):
 
 
 @njit(cache=True, nogil=True)
-def _sum_up(index, material_of, cluster, size, mean, material):
+def _sum_up(
+    index: NDArray[np.int32],
+    material_of: NDArray[np.unsignedinteger],
+    cluster: NDArray[np.int32],
+    size: NDArray[np.int64],
+    mean: NDArray[np.float64],
+    material: NDArray[np.int64],
+) -> None:
+    """Fill size (c,), mean index (c, 3) and material (c,) of each cluster."""
     for v in range(len(cluster)):
         a = cluster[v]
         size[a] += 1
@@ -156,7 +186,9 @@ def _sum_up(index, material_of, cluster, size, mean, material):
 
 
 @njit(cache=True, nogil=True)
-def _pairs(index, padded, cluster):
+def _pairs(
+    index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The pairs of different clusters with adjacent voxels, each once, from a hash set."""
     slots = 1 << 12
     key = np.full(slots, -1, np.int64)
@@ -195,13 +227,15 @@ def _pairs(index, padded, cluster):
 
 
 @njit(cache=True, nogil=True)
-def _hash(pair, slots):
+def _hash(pair: np.int64, slots: int) -> np.int64:
     mixed = (pair ^ (pair >> 29)) * np.int64(0x1E3779B97F4A7C15)
     return (mixed >> 20) & (slots - 1)
 
 
 @njit(cache=True, nogil=True)
-def _rows(count, first, second, cost):
+def _rows(
+    count: int, first: NDArray[np.int64], second: NDArray[np.int64], cost: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
     """Both directions of each edge, by cluster."""
     start = np.zeros(count + 1, np.int64)
     for e in range(len(first)):

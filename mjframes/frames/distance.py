@@ -127,7 +127,16 @@ def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike 
 
 
 @njit(cache=True, nogil=True)
-def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -> int:
+def sweep(
+    graph: VoxelGraph,
+    zone: NDArray[np.int32] | None,
+    bound: NDArray[np.float64] | None,
+    cut: bool,
+    distance: NDArray[np.float64],
+    rank: NDArray[np.int32] | NDArray[np.float64],
+    visited: NDArray[np.int32],
+    count: int,
+) -> int:
     """Dijkstra's algorithm from the first `count` nodes of `visited`, which have a distance; how many it visited.
 
     distance: (n,) inf where unvisited.  rank: (n,) carried from the source; at equal distance the smaller wins.
@@ -242,7 +251,15 @@ def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -
 
 
 @njit(cache=True, nogil=True)
-def offer(v, d, r, distance, rank, visited, count):
+def offer(
+    v: Any,
+    d: Any,
+    r: float,
+    distance: NDArray[np.float64],
+    rank: NDArray[np.int32] | NDArray[np.float64],
+    visited: NDArray[np.int32],
+    count: int,
+) -> int:
     """Make v a source at distance d unless it has a better offer; the count of sources after that."""
     old = distance[v]
     if d < old or (d == old and r < rank[v]):
@@ -255,7 +272,14 @@ def offer(v, d, r, distance, rank, visited, count):
 
 
 @njit(cache=True, nogil=True)
-def _offer_all(ids, costs, labels, distance, rank, visited):
+def _offer_all(
+    ids: NDArray[np.int32],
+    costs: NDArray[np.float64],
+    labels: NDArray[np.int32],
+    distance: NDArray[np.float64],
+    rank: NDArray[np.int32],
+    visited: NDArray[np.int32],
+) -> int:
     count = 0
     for s in range(len(ids)):
         count = offer(ids[s], costs[s], labels[s], distance, rank, visited, count)
@@ -270,14 +294,18 @@ def _more(array: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _room(key, item, size):
+def _room(
+    key: NDArray[np.float64], item: NDArray[np.int32], size: int
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return the heap's arrays with room for one entry more."""
     if size < len(key):
         return key, item
     return _more(key), _more(item)
 
 
 @njit(cache=True, nogil=True)
-def _heap_push(key, item, size, d, v):
+def _heap_push(key: NDArray[np.float64], item: NDArray[np.int32], size: int, d: float, v: Any) -> int:
+    """Put node v at distance d into a binary heap of `size` entries; return how many there are."""
     hole = size
     while hole > 0 and d < key[(hole - 1) >> 1]:
         key[hole], item[hole] = key[(hole - 1) >> 1], item[(hole - 1) >> 1]
@@ -287,7 +315,8 @@ def _heap_push(key, item, size, d, v):
 
 
 @njit(cache=True, nogil=True)
-def _heap_pop(key, item, size):
+def _heap_pop(key: NDArray[np.float64], item: NDArray[np.int32], size: int) -> int:
+    """Take the nearest node out of a binary heap of `size` entries; return how many are left."""
     size -= 1
     d, v = key[size], item[size]
     hole = 0
@@ -306,14 +335,17 @@ def _heap_pop(key, item, size):
 
 
 @njit(cache=True, nogil=True)
-def _cells(index, strides, cell):
+def _cells(index: NDArray[np.int32], strides: NDArray[np.int64], cell: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Fill the place (n,) of each voxel in the padded image."""
     for v in range(len(index)):
         cell[v] = (index[v, 0] + 1) * strides[0] + (index[v, 1] + 1) * strides[1] + index[v, 2] + 1
     return cell
 
 
 @njit(cache=True, nogil=True)
-def _collapse(voxels, cell, offset, piece) -> tuple[Any, Any, Any, Any]:
+def _collapse(
+    voxels: NDArray[np.int32], cell: NDArray[np.integer], offset: NDArray[np.int64], piece: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.integer]]:
     """The image of nodes, the node of each voxel, and the shells of the pieces."""
     lookup = voxels.copy()
     node = np.arange(len(cell)).astype(np.int32)

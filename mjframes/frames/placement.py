@@ -192,7 +192,14 @@ def _lloyd(
 
 
 @njit(cache=True, nogil=True)
-def _centers(index, spacing, measure, label, fixed, free):
+def _centers(
+    index: NDArray[np.integer] | NDArray[np.float64],
+    spacing: NDArray[np.float64],
+    measure: NDArray[np.float64],
+    label: NDArray[np.int32],
+    fixed: int,
+    free: int,
+) -> NDArray[np.int64]:
     """(free,) of each cell whose label is `fixed` or more: what is nearest to its centroid under the measure."""
     mean, total = np.zeros((free, 3)), np.zeros(free)
     for v in range(len(measure)):
@@ -216,7 +223,8 @@ def _centers(index, spacing, measure, label, fixed, free):
 
 
 @njit(cache=True, nogil=True)
-def _spread(measure, distance):
+def _spread(measure: NDArray[np.float64], distance: NDArray[np.float64]) -> float:
+    """Return Σ_v c_v d_v² over what is not rigid."""
     total = 0.0
     for v in range(len(measure)):
         if measure[v] > 0:
@@ -225,7 +233,7 @@ def _spread(measure, distance):
 
 
 @njit(cache=True, nogil=True)
-def _occupied(index, shape, block):
+def _occupied(index: NDArray[np.int32], shape: NDArray[np.int64], block: int) -> np.intp:
     """How many blocks have a voxel."""
     blocks = (shape + block - 1) // block
     seen = np.zeros((blocks[0], blocks[1], blocks[2]), np.bool_)
