@@ -152,7 +152,9 @@ def _solver(matrix: sparse.csr_array) -> Callable[[NDArray[np.float64]], NDArray
 
 
 @njit(cache=True, nogil=True)
-def _frontier(graph, distance, label, reach):
+def _frontier(
+    graph: VoxelGraph, distance: NDArray[np.float64], label: NDArray[np.int32], reach: NDArray[np.float64]
+) -> None:
     """The distance at which each Voronoi cell's frontier is nearest to its seed."""
     for w in range(len(label)):
         u = graph.node[w]

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
@@ -57,7 +58,7 @@ def closest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _search(at, lookup, spacing):
+def _search(at: NDArray[np.float64], lookup: NDArray[np.int32], spacing: NDArray[np.float64]) -> NDArray[np.int64]:
     """The nearest voxel (s,) to places in index coordinates (s, 3), −1 if it is not among the 5³ cells around."""
     nearest = np.full(len(at), -1, np.int64)
     for s in range(len(at)):
@@ -83,7 +84,9 @@ def _patterns(weights: csr_array) -> np.ndarray:
 
 
 @njit(cache=True)
-def _sum_keys(indptr, indices, data, keys):
+def _sum_keys(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], data: NDArray, keys: NDArray[np.uint64]
+) -> NDArray[np.uint64]:
     pattern = np.zeros(len(indptr) - 1, np.uint64)
     for v in range(len(pattern)):
         for k in range(indptr[v], indptr[v + 1]):

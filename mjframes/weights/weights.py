@@ -119,7 +119,14 @@ def column_of(weights: sparse.csr_array, frames: ArrayLike) -> NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
-def _gather(indptr, indices, data, voxels, column):
+def _gather(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    voxels: NDArray[np.integer],
+    column: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Return (v, i) the weights at the voxels, of the frames with a column ≥ 0."""
     dense = np.zeros((len(voxels), column.max() + 1))
     for a in range(len(voxels)):
         for k in range(indptr[voxels[a]], indptr[voxels[a] + 1]):
@@ -130,7 +137,21 @@ def _gather(indptr, indices, data, voxels, column):
 
 
 @njit(cache=True, nogil=True)
-def _slopes(indptr, indices, data, voxels, column, own, index, padded, compliance, material, spacing, within):
+def _slopes(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    voxels: NDArray[np.integer],
+    column: NDArray[np.int64],
+    own: NDArray[np.float64],
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    compliance: NDArray[np.float64],
+    material: NDArray[np.unsignedinteger],
+    spacing: NDArray[np.float64],
+    within: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """Return (v, i, 3) slopes along the index axes [1/m]. own: (v, i) weights.  within: (n,), empty for no labels."""
     frames = own.shape[1]
     slope = np.zeros((len(voxels), frames, 3))
     along = np.empty(frames)
