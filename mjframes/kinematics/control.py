@@ -155,7 +155,19 @@ def control_weights(
 
 
 @njit(cache=True, nogil=True)
-def _multiply(start, frame, weight, first, basis, center, scale, axes, points, column, value):
+def _multiply(
+    start: NDArray[np.integer],
+    frame: NDArray[np.integer],
+    weight: NDArray,
+    first: NDArray[np.int64],
+    basis: NDArray[np.float64],
+    center: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    points: NDArray[np.float64],
+    column: NDArray[np.int32],
+    value: NDArray[np.float64],
+) -> None:
     """Fill w_i φ_j, row by row; first: (f + 1,) control point of each frame, which share center and scale."""
     at = 0
     monomial = np.ones(10)

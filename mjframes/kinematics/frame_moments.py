@@ -73,7 +73,15 @@ def frame_moments(grid: Grid, weights: sparse.csr_array, degrees: Sequence[int])
 
 
 @njit(cache=True, nogil=True)
-def _add_first(indptr, indices, data, index, material, dm, total):
+def _add_first(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    index: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    dm: Array,
+    total: Array,
+) -> None:
     """Σ dm (1, index) of each frame."""
     for v in range(len(index)):
         for k in range(indptr[v], indptr[v + 1]):
@@ -84,7 +92,20 @@ def _add_first(indptr, indices, data, index, material, dm, total):
 
 
 @njit(cache=True, nogil=True)
-def _add_higher(indptr, indices, data, index, material, dm, middle, edges, terms, exponents, total):
+def _add_higher(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    index: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    dm: Array,
+    middle: Array,
+    edges: Array,
+    terms: NDArray[np.int64],
+    exponents: NDArray[np.int64],
+    total: Array,
+) -> None:
+    """Add ∫ y^e dm to total (f, 35), y = (index − middle) edges; terms: (f,) how many exponents a frame has."""
     power = np.empty((3, 5))
     for v in range(len(index)):
         for k in range(indptr[v], indptr[v + 1]):

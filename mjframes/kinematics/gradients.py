@@ -45,7 +45,16 @@ def product_rule(
 
 
 @njit(cache=True, nogil=True)
-def _product_rule(weight, weight_gradient, place, points, basis, center, scale, axes):
+def _product_rule(
+    weight: NDArray[np.float64],
+    weight_gradient: NDArray[np.float64],
+    place: NDArray[np.int64],
+    points: NDArray[np.float64],
+    basis: NDArray[np.float64],
+    center: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    axes: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """w_i φ_j (v, m) and φ_j ∇w_i + w_i ∇φ_j (v, m, 3) of points j of frame i = place[j]."""
     value, gradient = np.empty((len(points), len(place))), np.empty((len(points), len(place), 3))
     y, slope, turned = np.empty(3), np.empty(3), np.empty(3)
