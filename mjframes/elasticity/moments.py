@@ -132,7 +132,15 @@ def _bend(y: Array, weights: Array, mean: Array, degree: int) -> tuple[Array, Ar
 
 
 @njit(cache=True, nogil=True)
-def _sum_monomials(index, voxels, center, scale, powers, own):
+def _sum_monomials(
+    index: NDArray[np.int32],
+    voxels: NDArray[np.int32],
+    center: Array,
+    scale: Array,
+    powers: NDArray[np.int64],
+    own: Array,
+) -> Array:
+    """Return (p,) sums of the means over each voxel; own: (3, n + 1, n + 1) coefficients of those of xⁿ."""
     degree = own.shape[1] - 1
     total, x, mean = np.zeros(len(powers)), np.empty(degree + 1), np.empty((3, degree + 1))
     for v in voxels:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -163,7 +164,15 @@ def _merge(
 
 
 @njit(cache=True, nogil=True)
-def _join_films(index, padded, piece, label, frame, sets):
+def _join_films(
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    piece: NDArray[np.int32],
+    label: NDArray[np.int32],
+    frame: NDArray[np.int32],
+    sets: NDArray[np.bool_],
+) -> NDArray[np.int32]:
+    """Return labels (n,), films with that of a neighbour; frame: (r,) of sets of one frame alone, −1 for others."""
     joined = label.copy()
     for v in range(len(label)):
         i = frame[label[v]]
@@ -185,14 +194,17 @@ def _join_films(index, padded, piece, label, frame, sets):
 
 
 @njit(cache=True, nogil=True)
-def _sort_by_label(label, begin, voxels):
+def _sort_by_label(label: NDArray[np.int32], begin: NDArray[np.integer], voxels: NDArray[np.int32]) -> None:
+    """Counting sort: put label e's voxels from begin[e] on; begin is used up."""
     for v in range(len(label)):
         voxels[begin[label[v]]] = v
         begin[label[v]] += 1
 
 
 @njit(cache=True, nogil=True)
-def _number_sets(indptr, indices, label):
+def _number_sets(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], label: NDArray[np.int32]
+) -> NDArray[np.int64]:
     """Numbers the rows' sets of columns; the first row of each."""
     slots = 1024
     number = np.full(slots, -1, np.int64)
@@ -225,7 +237,7 @@ def _number_sets(indptr, indices, label):
 
 
 @njit(cache=True, nogil=True)
-def _same(indices, low, high, other_low, other_high):
+def _same(indices: NDArray[np.integer], low: Any, high: Any, other_low: int, other_high: int) -> bool:
     if high - low != other_high - other_low:
         return False
     k = low
@@ -235,7 +247,7 @@ def _same(indices, low, high, other_low, other_high):
 
 
 @njit(cache=True, nogil=True)
-def _hash(indices, low, high):
+def _hash(indices: NDArray[np.integer], low: Any, high: Any) -> np.int64:
     mixed = np.uint64(high - low)
     for k in range(low, high):
         mixed = (mixed ^ np.uint64(indices[k])) * np.uint64(0x9E3779B97F4A7C15)
@@ -244,7 +256,15 @@ def _hash(indices, low, high):
 
 
 @njit(cache=True, nogil=True)
-def _moments(index, voxels, mean, indptr, indices, data, column):
+def _moments(
+    index: NDArray[np.int32],
+    voxels: NDArray[np.int32],
+    mean: NDArray[np.float64],
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    column: NDArray[np.int64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Σ x xᵀ, Σ x w_iᵀ and Σ_i Σ (w_i − its mean)², x the voxels' indices relative to their mean.
 
     column: (f,) all −1; frames get one in the order in which they occur.
