@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy import ndimage
 
 NEIGHBOURS = np.ones((3, 3, 3), bool)
@@ -28,7 +29,7 @@ def inside_field(inside: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _alone(inside, lost):
+def _alone(inside: NDArray[np.bool_], lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which lost cells have no neighbour of their kind that is not lost."""
     alone = np.zeros(inside.shape, np.bool_)
     for a in range(1, inside.shape[0] - 1):
@@ -45,7 +46,7 @@ def _alone(inside, lost):
 
 
 @njit(cache=True)
-def _unsmooth(field, inside, where):
+def _unsmooth(field: np.ndarray, inside: NDArray[np.bool_], where: NDArray[np.bool_]) -> None:
     """Makes the smoothed field the sharp one around `where`, with a transition of one voxel."""
     sharp = np.zeros(field.shape, np.uint8)  # 28 where sharp; else how many of the 27 cells around are
     for step in range(2):
