@@ -181,7 +181,9 @@ def _normals(vertices: Float, faces: NDArray[np.integer]) -> Float:
 
 
 @njit(cache=True)
-def _rasterize(flat, height, faces, normals, depth, normal):
+def _rasterize(
+    flat: Float, height: Float, faces: NDArray[np.integer], normals: Float, depth: Float, normal: Float
+) -> None:
     """Fills depth (h, w) and normal (h, w, 3), both interpolated; flat (s, 2) in pixels, centres at integers."""
     rows, columns = depth.shape
     for t in range(len(faces)):
