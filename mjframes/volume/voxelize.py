@@ -33,14 +33,18 @@ CAUGHT = 0.1  # [-] quantile of their thickness that the advised spacing resolve
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A block of cells: low (3,) int64 index of its first one in the grid, shape (3,)."""
+    """A block of cells.
+
+    low: (3,) int64 index of its first one in the grid.
+    shape: how many along each axis.
+    """
 
     low: NDArray[np.int64]
     shape: tuple[int, int, int]
 
     @property
     def slices(self) -> tuple[slice, slice, slice]:
-        """Where it lies in the grid's array."""
+        """Return where it lies in the grid's array."""
         a, b, c = (slice(int(low), int(low) + n) for low, n in zip(self.low, self.shape, strict=True))
         return a, b, c
 
@@ -48,10 +52,10 @@ class Box:
 def voxelize(
     surfaces: Sequence[Surface], spacing: NDArray[np.float64], fill: bool
 ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.float64], list[str]]:
-    """Labels (nx, ny, nz): i + 1 in surfaces[i], the last one that has the voxel; origin (3,) [m]; notices.
+    """Return labels (nx, ny, nz): i + 1 in surfaces[i], the last one that has the voxel; origin (3,) [m]; notices.
 
     spacing: (3,) [m].  fill: whether the rest of the convex hull of all gets the label after the last.
-    Raises MjframesError if a surface encloses no voxel, or nothing that deserves the name.
+    Raise MjframesError if a surface encloses no voxel, or nothing that deserves the name.
     """
     low, shape = _frame(surfaces, spacing)
     labels = np.zeros(shape, np.min_scalar_type(len(surfaces) + fill))
@@ -84,7 +88,7 @@ def _doubts(surfaces: Sequence[Surface]) -> list[str]:
 
 
 def spacing_for(surfaces: Sequence[Surface], voxels: int, fill: bool) -> NDArray[np.float64]:
-    """Edge (3,) [m] of the cubic voxels of which about `voxels` are inside, from the volume in a coarser grid.
+    """Return the edge (3,) [m] of the cubic voxels of which about `voxels` are inside, by the volume in a coarser grid.
 
     The shortest side of all meshes becomes a whole number of cells, so that a block keeps its volume.
     """
@@ -106,7 +110,7 @@ def spacing_for(surfaces: Sequence[Surface], voxels: int, fill: bool) -> NDArray
 
 
 def convex_hull(surfaces: Sequence[Surface]) -> Surface:
-    """The convex hull of all surfaces, closed and oriented outwards."""
+    """Return the convex hull of all surfaces, closed and oriented outwards."""
     points = np.concatenate([surface.vertices for surface in surfaces])
     hull = scipy.spatial.ConvexHull(points)
     a, b, c = (points[hull.simplices[:, corner]] for corner in range(3))
