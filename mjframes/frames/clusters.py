@@ -20,7 +20,10 @@ from mjframes.volume.grid import Grid, root_of
 class ClusterGraph(NamedTuple):
     """c clusters of n voxels.
 
-    cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  middle: (c, 3) mean voxel index.  compliance: (c,) [1/Pa].
+    cluster: (n,) int32 of each voxel.
+    size: (c,) [voxels].
+    middle: (c, 3) mean voxel index.
+    compliance: (c,) [1/Pa].
     start: (c + 1,), neighbour, cost: the edges of cluster a are start[a]:start[a + 1], in [m/Pa].
     """
 
@@ -34,7 +37,7 @@ class ClusterGraph(NamedTuple):
 
 
 def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
-    """The graph of clusters in blocks of `block`³ cells, 1 for one cluster a voxel."""
+    """Return the graph of clusters in blocks of `block`³ cells, 1 for one cluster a voxel."""
     n = len(grid.index)
     cluster = np.arange(n, dtype=np.int32)
     count = _join(grid.index, grid.padded, grid.material, block, cluster) if block > 1 else n
@@ -51,7 +54,7 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
 def improve(
     graph: ClusterGraph, sources: NDArray[np.integer], distance: NDArray[np.float64], label: NDArray[np.int32]
 ) -> None:
-    """Dijkstra's algorithm in place, from `sources` whose distance and label are new; ties go to the smaller label."""
+    """Run Dijkstra's algorithm in place, from `sources` of new distance and label; ties go to the smaller label."""
     heap = np.empty(len(distance), np.int32)
     place = np.full(len(distance), -1, np.int32)  # where a cluster is in the heap; −1: not in it
     size = 0
@@ -139,7 +142,7 @@ def _join(
     block: int,
     cluster: NDArray[np.int32],
 ) -> int:
-    """The number of clusters; each voxel's, in the order of their first voxels."""
+    """Return the number of clusters; each voxel's, in the order of their first voxels."""
     for v in range(len(cluster)):
         a, b, c = index[v, 0], index[v, 1], index[v, 2]
         low_a, low_b, low_c = a // block * block, b // block * block, c // block * block
@@ -189,7 +192,7 @@ def _sum_up(
 def _pairs(
     index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The pairs of different clusters with adjacent voxels, each once, from a hash set."""
+    """Return the pairs of different clusters with adjacent voxels, each once, from a hash set."""
     slots = 1 << 12
     key = np.full(slots, -1, np.int64)
     count = 0
@@ -236,7 +239,7 @@ def _hash(pair: np.int64, slots: int) -> np.int64:
 def _rows(
     count: int, first: NDArray[np.int64], second: NDArray[np.int64], cost: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
-    """Both directions of each edge, by cluster."""
+    """Return both directions of each edge, by cluster."""
     start = np.zeros(count + 1, np.int64)
     for e in range(len(first)):
         start[first[e] + 1] += 1

@@ -31,12 +31,17 @@ BUCKET_MARGIN = 1e-6  # [-] by which a bucket is narrower than the cheapest edge
 class VoxelGraph(NamedTuple):
     """The 26-neighbour graph of n voxels; a border of outside cells makes bounds checks needless.
 
-    lookup: (c,) int32, the padded image of nodes, −1 outside.  cell: (n,) the voxel's place in it.
+    lookup: (c,) int32, the padded image of nodes, −1 outside.
+    cell: (n,) the voxel's place in it.
     node: (n,) int32 the voxel that stands for each: the first of its rigid piece, else itself.
-    offset: (26,) int64, from a cell to its neighbours.  material: (n,) unsigned.
+    offset: (26,) int64, from a cell to its neighbours.
+    material: (n,) unsigned.
     cost: (m, 26, m) [m/Pa] of an edge by the material it leaves, its direction and the material it enters.
-    piece: (n,) int32, −1 where soft.  shell: the cells of the pieces next to soft ones, from start[piece] on.
-    width: of a bucket [m/Pa].  slots: how many make the ring, a power of two.  ordered: if edges may be narrower.
+    piece: (n,) int32, −1 where soft.
+    shell: the cells of the pieces next to soft ones, from start[piece] on.
+    width: of a bucket [m/Pa].
+    slots: how many make the ring, a power of two.
+    ordered: if edges may be narrower.
     """
 
     lookup: NDArray[np.int32]
@@ -55,22 +60,26 @@ class VoxelGraph(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """The nearest source of every voxel. distance: (n,) [m/Pa], inf where none is.  label: (n,) int32, −1 there."""
+    """The nearest source of every voxel.
+
+    distance: (n,) [m/Pa], inf where none is.
+    label: (n,) int32, −1 there.
+    """
 
     distance: NDArray[np.float64]
     label: NDArray[np.int32]
 
 
 def edge_costs(lengths: ArrayLike, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
-    """Costs [m/Pa] of edges from their lengths [m] and the compliances [1/Pa] of their ends, in the 24 bits that make
-    sums exact.
+    """Return costs [m/Pa] of edges from their lengths [m] and the compliances [1/Pa] of their ends, in the 24 bits that
+    make sums exact.
     """
     exact = np.asarray(lengths) * 0.5 * (np.asarray(first) + np.asarray(second))
     return exact.astype(np.float32).astype(np.float64)
 
 
 def voxel_graph(grid: Grid) -> VoxelGraph:
-    """The graph whose shortest paths are compliance distances."""
+    """Return the graph whose shortest paths are compliance distances."""
     shape = grid.padded.shape
     strides = np.array([shape[1] * shape[2], shape[2], 1], np.int64)
     steps = np.argwhere(np.ones((3, 3, 3))) - 1
@@ -103,7 +112,7 @@ def voxel_graph(grid: Grid) -> VoxelGraph:
 
 
 def nearest_sources(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0, cost: ArrayLike = 0.0) -> Reached:
-    """The nearest of several sources at every *node*; its label makes the Voronoi cells.
+    """Return the nearest of several sources at every *node*; its label makes the Voronoi cells.
 
     sources: (s,) voxel numbers.  label, cost: one for all or (s,) each: what the source is called, and the distance it
     starts with [m/Pa].  At equal distance the smaller label wins.
@@ -121,7 +130,7 @@ def nearest_sources(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0,
 
 
 def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0, cost: ArrayLike = 0.0) -> Reached:
-    """The same at every voxel."""
+    """Return what `nearest_sources` does, but at every voxel."""
     found = nearest_sources(graph, sources, label, cost)
     return Reached(found.distance[graph.node], found.label[graph.node]) if len(graph.start) > 1 else found
 
@@ -137,7 +146,7 @@ def sweep(
     visited: NDArray[np.int32],
     count: int,
 ) -> int:
-    """Dijkstra's algorithm from the first `count` nodes of `visited`, which have a distance; how many it visited.
+    """Run Dijkstra's algorithm from the `count` first of `visited`, which have a distance; return how many it visited.
 
     distance: (n,) inf where unvisited.  rank: (n,) carried from the source; at equal distance the smaller wins.
     visited: (n,) int32, gets the nodes visited.
@@ -346,7 +355,7 @@ def _cells(index: NDArray[np.int32], strides: NDArray[np.int64], cell: NDArray[n
 def _collapse(
     voxels: NDArray[np.int32], cell: NDArray[np.integer], offset: NDArray[np.int64], piece: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.integer]]:
-    """The image of nodes, the node of each voxel, and the shells of the pieces."""
+    """Return the image of nodes, the node of each voxel, and the shells of the pieces."""
     lookup = voxels.copy()
     node = np.arange(len(cell)).astype(np.int32)
     count = piece.max() + 1

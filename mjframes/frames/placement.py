@@ -32,7 +32,11 @@ Nearest = tuple[NDArray[np.float64], NDArray[np.int32]]  # distance to the neare
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """f frames. seeds: the voxels of each frame's core, where its weight is 1.  centers: (f, 3) their centroids [m]."""
+    """f frames.
+
+    seeds: the voxels of each frame's core, where its weight is 1.
+    centers: (f, 3) their centroids [m].
+    """
 
     centers: NDArray[np.float64]
     seeds: tuple[NDArray[np.integer], ...]
@@ -51,7 +55,7 @@ def place_frames(
     seed: of the voxel from which the first frame is the farthest, where neither a core nor a rigid piece takes it.
     cores: voxel numbers of pieces that have a frame each; these come first, in this order. A core that touches a rigid
     piece takes all of it.
-    Raises MjframesError if the volume has no room for them, if a position is off the volume or taken, or if cores are
+    Raise MjframesError if the volume has no room for them, if a position is off the volume or taken, or if cores are
     empty or overlap.
     """
     seeds = _given_cores(grid, cores)
@@ -234,7 +238,7 @@ def _spread(measure: NDArray[np.float64], distance: NDArray[np.float64]) -> floa
 
 @njit(cache=True, nogil=True)
 def _occupied(index: NDArray[np.int32], shape: NDArray[np.int64], block: int) -> np.intp:
-    """How many blocks have a voxel."""
+    """Return how many blocks have a voxel."""
     blocks = (shape + block - 1) // block
     seen = np.zeros((blocks[0], blocks[1], blocks[2]), np.bool_)
     for v in range(len(index)):
