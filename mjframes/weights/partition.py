@@ -13,7 +13,7 @@ Kernel = tuple[NDArray[np.int32], NDArray[np.float32]]  # nodes (b,) where it is
 
 
 def partition_of_unity(kernels: list[Kernel], node: NDArray[np.int32]) -> sparse.csr_array:
-    """Weights (n, f) with sorted indices from the kernels of f frames, which are used up: the list is empty after.
+    """Return weights (n, f) with sorted indices from the kernels of f frames, which are used up: the list ends empty.
 
     node: (n,) the voxel whose weights each voxel has: itself, or for a rigid piece always the same.
     """

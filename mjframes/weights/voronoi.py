@@ -34,9 +34,10 @@ from mjframes.weights.partition import Kernel, partition_of_unity
 class Scratch(NamedTuple):
     """What one thread keeps for each of the n voxels between frames; the last five only where bands are halved.
 
-    distance, rank, visited: of a sweep; distance is inf where unvisited.  zone: the band, 0 in none.
-    high, low: distance to the surfaces of the larger and of the smaller value [m/Pa]; link_…: links to them and to the
-    one in the middle [m/Pa], inf without.
+    distance, rank, visited: of a sweep; distance is inf where unvisited.
+    zone: the band, 0 in none.
+    high, low: distance to the surfaces of the larger and of the smaller value [m/Pa].
+    link_high, link_low, link_middle: links to them and to the one in the middle [m/Pa], inf without.
     """
 
     distance: NDArray[np.float64]
@@ -51,7 +52,7 @@ class Scratch(NamedTuple):
 
 
 def voronoi_weights(grid: Grid, placement: Placement, subdivisions: int = 1) -> sparse.csr_array:
-    """The frames' weights at the voxel centres, (n, f) with sorted indices."""
+    """Return the frames' weights at the voxel centres, (n, f) with sorted indices."""
     graph = voxel_graph(grid)
     kernels, node = _kernels(graph, placement, subdivisions), graph.node
     del graph  # the memory is needed
@@ -218,7 +219,7 @@ def _next_band(
     base: int,
     s: Scratch,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """The nodes of the band beyond; and those (r,) beyond even that to which its upper surface has links, and these."""
+    """Return the next band's nodes; and those (r,) beyond even that to which its upper surface has links, and these."""
     count, refused = 0, 0
     rejected, rejected_at = np.empty(len(arrived), np.int32), np.empty(len(arrived))
     for b in range(len(arrived)):
