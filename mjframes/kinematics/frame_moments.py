@@ -27,7 +27,11 @@ SHARE = 1 << 17  # [voxels] that one thread sums up at a time
 
 @dataclass(frozen=True, eq=False)
 class FrameMoments:
-    """mass: (f,) [kg].  center: (f, 3) c, volume coordinates [m].  scale: (f,) s [m].
+    """The moments of f frames.
+
+    mass: (f,) [kg].
+    center: (f, 3) c, volume coordinates [m].
+    scale: (f,) s [m].
     power: (f, 35) ∫ y^e dm [kg] for EXPONENTS; 0 beyond the frame's degree.
     """
 
@@ -38,7 +42,7 @@ class FrameMoments:
 
 
 def frame_moments(grid: Grid, weights: sparse.csr_array, degrees: Sequence[int]) -> FrameMoments:
-    """Moments of the f frames of weights (n, f); degrees: (f,) 2 or 4."""
+    """Return the moments of the f frames of weights (n, f); degrees: (f,) 2 or 4."""
     f = frame_count(weights)
     dm = grid.per_material("density") * grid.cell_volume
     terms = np.array([np.count_nonzero(EXPONENTS.sum(axis=1) <= degree) for degree in degrees])

@@ -20,7 +20,7 @@ def control_gradients(
     frames: NDArray[np.int64],
     within: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float64]:
-    """∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight.
+    """Return ∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight.
 
     within: (n,) labels of the regions, where slopes shall be those inside them.
     """
@@ -35,8 +35,8 @@ def product_rule(
     slope: NDArray[np.float64],
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """W_j (s, m) and ∇W_j (s, m, 3) [1/m] of the control points of `frames`, from their weights w_i (s, f) and slopes
-    ∇w_i (s, f, 3) at points (s, 3) [m].
+    """Return W_j (s, m) and ∇W_j (s, m, 3) [1/m] of the control points of `frames`, from their weights w_i (s, f) and
+    slopes ∇w_i (s, f, 3) at points (s, 3) [m].
     """
     chosen, place = points_of(control, frames)
     return _product_rule(
