@@ -28,7 +28,10 @@ FLAT = 1e-9  # [-] relative second moment below which a region has no extent in 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """r regions. label: (n,) int32, the region of each voxel.  frames: the frames of each, ascending.
+    """r regions.
+
+    label: (n,) int32, the region of each voxel.
+    frames: the frames of each, ascending.
     fit_error: (r,) rms over its voxels of the norm of the weights' residuals from their linear fit.
     """
 
@@ -52,9 +55,9 @@ class _Part:
 
 
 def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Regions:
-    """At most `samples` regions; fewer if the weights (n, f) are linear in all of them before that number is reached.
+    """Return at most `samples` regions; fewer if the weights (n, f) are linear in all of them before that.
 
-    Raises MjframesError for samples < 1.
+    Raise MjframesError for samples < 1.
     """
     if not isinstance(samples, (int, np.integer)) or samples < 1:
         raise MjframesError(f"samples is {samples!r}; it must be an integer ≥ 1, the number of regions.")
@@ -81,13 +84,13 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
 
 
 def renumbered(regions: Regions, order: NDArray[np.integer]) -> Regions:
-    """The same with frame order[i] called i."""
+    """Return the same with frame order[i] called i."""
     number = np.argsort(order)
     return replace(regions, frames=tuple(tuple(sorted(int(number[i]) for i in some)) for some in regions.frames))
 
 
 def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]]:
-    """The voxels of each region, ascending."""
+    """Return the voxels of each region, ascending."""
     ends = np.cumsum(np.bincount(label, minlength=regions))
     voxels = np.empty(len(label), np.int32)
     _sort_by_label(label, ends - np.bincount(label, minlength=regions), voxels)
@@ -95,7 +98,10 @@ def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]
 
 
 def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """The number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f) of weights (n, f)."""
+    """Return the number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f).
+
+    weights: (n, f).
+    """
     label = np.empty(len(weights.indptr) - 1, np.int32)
     first = _number_sets(weights.indptr, weights.indices, label)
     return label, weights[first].toarray() > 0
@@ -205,7 +211,7 @@ def _sort_by_label(label: NDArray[np.int32], begin: NDArray[np.integer], voxels:
 def _number_sets(
     indptr: NDArray[np.integer], indices: NDArray[np.integer], label: NDArray[np.int32]
 ) -> NDArray[np.int64]:
-    """Numbers the rows' sets of columns; the first row of each."""
+    """Number the rows' sets of columns; return the first row of each."""
     slots = 1024
     number = np.full(slots, -1, np.int64)
     first, count = np.empty(512, np.int64), 0
