@@ -35,7 +35,12 @@ class Rows(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Sets of nodes that interact. node: (c lists).  modulus: (c,) of the stiffest inside [-].  place: (c, 3)."""
+    """Sets of nodes that interact.
+
+    node: (c lists).
+    modulus: (c,) of the stiffest inside [-].
+    place: (c, 3).
+    """
 
     node: Rows
     modulus: NDArray[np.float64]
@@ -45,9 +50,12 @@ class Cells(NamedTuple):
 class Coarsening(NamedTuple):
     """From a level of N nodes in c cells to the next one of N'.
 
-    parent: (N lists) ascending, none for a held node.  weight: of each parent, in the same order; a node's sum to 1.
-    child: (N' lists) ascending.  position: (N', 3).
-    cells: of the coarse level.  into: (c,) the coarse cell that holds each cell, −1 for none.
+    parent: (N lists) ascending, none for a held node.
+    weight: of each parent, in the same order; a node's sum to 1.
+    child: (N' lists) ascending.
+    position: (N', 3).
+    cells: of the coarse level.
+    into: (c,) the coarse cell that holds each cell, −1 for none.
     """
 
     parent: Rows
@@ -153,7 +161,7 @@ def _distinct(parent: Rows, place: Ints) -> tuple[Rows, NDArray[np.float64], Int
 
 @njit(cache=True, nogil=True)
 def _list_members(position: Ints, held: NDArray[np.bool_], size: Ints, first: NDArray[np.int64], member: Ints) -> None:
-    """The nodes that depend on each coarse place p: member[first[p]:first[p + 1]], ascending."""
+    """List the nodes that depend on each coarse place p: member[first[p]:first[p + 1]], ascending."""
     for filling in range(2):
         for node in range(len(position)):
             i = len(position) - 1 - node  # backwards, as lists are filled from their ends
@@ -238,7 +246,7 @@ def _merge_cells(
     stiffest: NDArray[np.float64],
     places: Ints,
 ) -> None:
-    """The coarse cells: the sets of parents of the cells' nodes, equal ones of a place once."""
+    """Fill the coarse cells: the sets of parents of the cells' nodes, equal ones of a place once."""
     first, cells, total = 0, 0, 0
     for o in range(len(order)):
         e = order[o]

@@ -20,7 +20,11 @@ from mjframes.finite_elements.mesh import Mesh
 
 
 class Blocks(NamedTuple):
-    """A sparse symmetric matrix of 3 × 3 blocks. column: of each row, ascending.  value: (b, 3, 3)."""
+    """A sparse symmetric matrix of 3 × 3 blocks.
+
+    column: of each row, ascending.
+    value: (b, 3, 3).
+    """
 
     column: Rows
     value: NDArray[np.floating]

@@ -34,7 +34,7 @@ def subtract_bricks(
     lanes: Lanes,
     smoothing: tuple[Floats, Floats, np.floating, np.floating] | None,
 ) -> None:
-    """r ← r − A d, then as `step`, with (x, inverse, keep, gain) in `smoothing`, or nothing more where that is None.
+    """Compute r ← r − A d, then as `step`, with (x, inverse, keep, gain) in `smoothing`, or nothing if that is None.
 
     Plane after plane, as what lies behind a plane is not needed any more.
     corner, material, brick_planes, node_planes: see `Mesh`.  coefficients: (m, 33) of each material's brick.
@@ -130,7 +130,7 @@ def _add_bricks(
 
 @njit(**OPTIONS)
 def _modes(s: Floats, at: int, stride: int) -> tuple[float, ...]:
-    """The modes of one component from its values at the eight corners."""
+    """Return the modes of one component from its values at the eight corners."""
     a, b, c, d = s[at], s[at + stride], s[at + 2 * stride], s[at + 3 * stride]
     e, f, g, h = s[at + 4 * stride], s[at + 5 * stride], s[at + 6 * stride], s[at + 7 * stride]
     a, b, c, d, e, f, g, h = a + b, a - b, c + d, c - d, e + f, e - f, g + h, g - h
@@ -151,7 +151,7 @@ def _corners(
 
 @njit(**OPTIONS)
 def subtract_blocks(x: Floats, r: Floats, start: NDArray[np.int64], column: Ints, value: Floats, lanes: Lanes) -> None:
-    """r ← r − A x for 3 × 3 blocks: value (b, 9), those of row i from start[i] on."""
+    """Compute r ← r − A x for 3 × 3 blocks: value (b, 9), those of row i from start[i] on."""
     k = len(lanes)
     for i in range(len(start) - 1):
         rs = r[i * 3 * k : (i + 1) * 3 * k]
@@ -180,7 +180,7 @@ def step(
     end: int,
     lanes: Lanes,
 ) -> None:
-    """d ← keep d + gain D⁻¹ r,  x ← x + d at the nodes from `begin` to before `end`; inverse: (N, 3) of D."""
+    """Compute d ← keep d + gain D⁻¹ r,  x ← x + d at the nodes from `begin` to before `end`; inverse: (N, 3) of D."""
     k = len(lanes)
     for i in range(begin, end):
         g0, g1, g2 = gain * inverse[i, 0], gain * inverse[i, 1], gain * inverse[i, 2]
@@ -197,7 +197,7 @@ def step(
 
 @njit(**OPTIONS)
 def restrict(start: NDArray[np.int64], parent: Ints, weight: Floats, r: Floats, coarse: Floats, lanes: Lanes) -> None:
-    """coarse ← Pᵀ r. parent, weight: those of node i from start[i] on."""
+    """Compute coarse ← Pᵀ r. parent, weight: those of node i from start[i] on."""
     k = len(lanes)
     coarse[:] = 0
     for i in range(len(start) - 1):
@@ -213,7 +213,7 @@ def restrict(start: NDArray[np.int64], parent: Ints, weight: Floats, r: Floats, 
 def prolong(
     start: NDArray[np.int64], parent: Ints, weight: Floats, coarse: Floats, d: Floats, x: Floats, lanes: Lanes
 ) -> None:
-    """d ← P coarse,  x ← x + d."""
+    """Compute d ← P coarse,  x ← x + d."""
     k = len(lanes)
     for i in range(len(start) - 1):
         ds, xs = d[i * 3 * k : (i + 1) * 3 * k], x[i * 3 * k : (i + 1) * 3 * k]
@@ -229,7 +229,7 @@ def prolong(
 
 @njit(**OPTIONS)
 def products(a: Floats, b: Floats, total: NDArray[np.float64], lanes: Lanes) -> None:
-    """total (k,) ← a · b of each column, summed in double precision."""
+    """Compute total (k,) ← a · b of each column, summed in double precision."""
     k = len(lanes)
     total[:] = 0
     for i in range(len(a) // k):
@@ -240,7 +240,7 @@ def products(a: Floats, b: Floats, total: NDArray[np.float64], lanes: Lanes) -> 
 
 @njit(**OPTIONS)
 def advance(alpha: Floats, p: Floats, q: Floats, x: Floats, r: Floats, copy: Floats, lanes: Lanes) -> None:
-    """x ← x + α p,  r ← r + α q,  copy ← r, with an α of each column (k,)."""
+    """Compute x ← x + α p,  r ← r + α q,  copy ← r, with an α of each column (k,)."""
     k = len(lanes)
     for i in range(len(x) // k):
         ps, qs, xs = p[i * k : (i + 1) * k], q[i * k : (i + 1) * k], x[i * k : (i + 1) * k]
@@ -253,7 +253,7 @@ def advance(alpha: Floats, p: Floats, q: Floats, x: Floats, r: Floats, copy: Flo
 
 @njit(**OPTIONS)
 def turn(beta: Floats, z: Floats, p: Floats, lanes: Lanes) -> None:
-    """p ← z + β p, with a β of each column (k,)."""
+    """Compute p ← z + β p, with a β of each column (k,)."""
     k = len(lanes)
     for i in range(len(p) // k):
         zs, ps = z[i * k : (i + 1) * k], p[i * k : (i + 1) * k]
@@ -265,7 +265,7 @@ def turn(beta: Floats, z: Floats, p: Floats, lanes: Lanes) -> None:
 def combine(
     start: NDArray[np.integer], column: NDArray[np.integer], value: NDArray, source: Floats, target: Floats
 ) -> None:
-    """target (r, l) ← M source for a sparse M (r, c) and a dense source (c, l)."""
+    """Compute target (r, l) ← M source for a sparse M (r, c) and a dense source (c, l)."""
     for i in range(len(start) - 1):
         to = target[i]
         to[:] = 0
@@ -279,7 +279,7 @@ def combine(
 def measure(
     start: NDArray[np.integer], column: NDArray[np.integer], value: NDArray, source: Floats, target: Floats
 ) -> None:
-    """target (c, l) ← Mᵀ source for a sparse M (r, c) and a dense source (r, l)."""
+    """Compute target (c, l) ← Mᵀ source for a sparse M (r, c) and a dense source (r, l)."""
     target[:] = 0
     for i in range(len(start) - 1):
         xs = source[i]
