@@ -26,7 +26,7 @@ PASSES = 20  # the last pass takes edges of 2.6 times the final length, by then 
 def decimate(vertices: np.ndarray, faces: np.ndarray, target_vertices: int) -> tuple[np.ndarray, np.ndarray]:
     """Collapse short edges of a closed surface until `target_vertices` are left, or more where its shape needs them.
 
-    vertices: (s, 3) [m].  faces: (t, 3) int, counter-clockwise seen from outside.  Returns new (vertices, faces).
+    vertices: (s, 3) [m].  faces: (t, 3) int, counter-clockwise seen from outside.  Return new (vertices, faces).
     """
     if len(vertices) <= target_vertices:
         return vertices, faces
@@ -75,7 +75,7 @@ def _normal(x: Array, a: int, b: int, c0: float, c1: float, c2: float) -> Point:
 
 @njit(cache=True)
 def _collapse(x: Array, faces: Ints, quadric: Array, length: float, target: int) -> NDArray[np.bool_]:
-    """Collapse edges in place; returns which faces are left."""
+    """Collapse edges in place; return which faces are left."""
     alive = np.ones(len(faces), np.bool_)
     first, last = np.empty((2, len(x)), np.int64)
     following = np.empty(3 * len(faces), np.int64)
@@ -134,7 +134,7 @@ def _list_corners(
     last: NDArray[np.int64],
     following: NDArray[np.int64],
 ) -> None:
-    """The corners 3 f + c around each vertex as linked lists, of the faces left; joining vertices joins their lists."""
+    """List the corners 3 f + c around each vertex, linked, of the faces left; joining vertices joins their lists."""
     first[:] = -1
     for f in left:
         for c in range(3):
@@ -158,7 +158,7 @@ def _common_neighbours(
     mark: NDArray[np.int64],
     stamp: int,
 ) -> int:
-    """How many vertices are adjacent to both u and v."""
+    """Return how many vertices are adjacent to both u and v."""
     corner = first[u]
     while corner >= 0:
         f = corner // 3
@@ -189,7 +189,7 @@ def _square(x: Array, u: int, v: int) -> float:
 
 @njit(cache=True)
 def _position(x: Array, u: int, v: int, quadric: Array) -> Point:
-    """The end or the middle of the edge, whichever has the least quadric error; the middle on flat ground."""
+    """Return the end or the middle of the edge, whichever has the least quadric error; the middle on flat ground."""
     slack = 1e-3 * _area(quadric) * _square(x, u, v)
     best = ((x[u, 0] + x[v, 0]) / 2, (x[u, 1] + x[v, 1]) / 2, (x[u, 2] + x[v, 2]) / 2)
     least = _error(best, quadric)
@@ -229,7 +229,7 @@ def _turns(
     first: NDArray[np.int64],
     following: NDArray[np.int64],
 ) -> bool:
-    """Whether moving u to `position` turns or flattens a triangle of u that does not vanish with the edge u v."""
+    """Return whether moving u to `position` turns or flattens a triangle of u that does not vanish with edge u v."""
     corner: int = first[u]
     while corner >= 0:
         f = corner // 3

@@ -28,10 +28,14 @@ COVERED = 0.9  # [-] share of a node's weight that the control points of its pat
 class Lattice:
     """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
 
-    spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.
-    node: (n,) their places in the whole lattice, ascending.  distance: (n,) φ [m].  patch: (n,) the patch whose
-    contact sphere is nearest.  weights: (n, k) W_j.  spheres: (s, 3) the contact spheres' centres, in cells from the
-    first node.
+    spacing: [m].
+    origin: (3,) of the first node, in volume coordinates [m].
+    shape: (3,) nodes along each axis.
+    node: (n,) their places in the whole lattice, ascending.
+    distance: (n,) φ [m].
+    patch: (n,) the patch whose contact sphere is nearest.
+    weights: (n, k) W_j.
+    spheres: (s, 3) the contact spheres' centres, in cells from the first node.
     """
 
     spacing: float
@@ -52,7 +56,7 @@ def rest_lattice(
     patch: np.ndarray,
     sphere_weights: sparse.csr_array,
 ) -> Lattice:
-    """The lattice of a soft body, as fine as its voxels if they are not too many.
+    """Return the lattice of a soft body, as fine as its voxels if they are not too many.
 
     shapes: of the body.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
     """
@@ -101,7 +105,7 @@ def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarra
 
 
 def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.ndarray:
-    """(n,) of points (n, 3) to a closed surface, negative inside [m].
+    """Return the distance (n,) of points (n, 3) to a closed surface, negative inside [m].
 
     Exact where the nearest triangle holds one of the surface samples, `spacing` / 2 apart, nearest to the point.
     """
