@@ -26,13 +26,17 @@ IMPEDANCE = (  # of solimp: what each number is, and its range
 class Contact:
     """Parameters of all patches of a soft body, as those of a geom in MJCF. None: MuJoCo's default.
 
-    friction: sliding [-], torsional [m], rolling [m].  margin, gap: [m].  solref, solimp: of the constraint.  condim:
-    1, 3, 4 or 6.  contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the
-    other. As they are, a soft body meets rigid geoms and other soft bodies; itself it never meets.  priority: the
-    parameters of the geom with the higher one count, those of equal ones are mixed.
+    friction: sliding [-], torsional [m], rolling [m].
+    margin, gap: [m].
+    solref, solimp: of the constraint.
+    condim: 1, 3, 4 or 6.
+    contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the other. As they are,
+    a soft body meets rigid geoms and other soft bodies; itself it never meets.
+    priority: the parameters of the geom with the higher one count, those of equal ones are mixed.
+
     MuJoCo's default solref, 0.02 s, is soft: what is faster than a body's thickness in a few milliseconds, such as a
     ball of 10 m/s on a slab of 5 cm, goes through it. There solref=(0.005, 1) with priority=1 holds.
-    Raises MjframesError for values that MuJoCo would not take.
+    Raise MjframesError for values that MuJoCo would not take.
     """
 
     friction: tuple[float, ...] | None = None
