@@ -59,7 +59,10 @@ SCENE = """<mujoco>
 
 @dataclass(frozen=True)
 class Report:
-    """What became of programs. edits: how many ran.  failures: a sentence each, with the seed of its program.
+    """What became of programs.
+
+    edits: how many ran.
+    failures: a sentence each, with the seed of its program.
     said: how often each warning and refusal was told.
     """
 
