@@ -51,7 +51,7 @@ class Finding:
 
 
 def report() -> list[Finding]:
-    """Looks at everything; a thing that fails is a finding, never an exception."""
+    """Look at everything; a thing that fails is a finding, never an exception."""
     return [
         Finding("python", f"{platform.python_version()} ({sys.executable})"),
         Finding("mujoco", mujoco.mj_versionString()),
@@ -65,13 +65,13 @@ def report() -> list[Finding]:
 
 
 def working_backend() -> str | None:
-    """The value of MUJOCO_GL that draws here: the one that is set, else the first that works; None where none does."""
+    """Return the value of MUJOCO_GL that draws here: the one that is set, else the first that works, else None."""
     candidates = [os.environ["MUJOCO_GL"]] if os.environ.get("MUJOCO_GL") else BACKENDS
     return next((backend for backend in candidates if _draws(backend)), None)
 
 
 def main() -> int:
-    """Prints the report; returns 0, or 2 where something that mjframes needs does not work."""
+    """Print the report; return 0, or 2 where something that mjframes needs does not work."""
     findings = report()
     width = max(len(finding.name) for finding in findings)
     for finding in findings:

@@ -45,7 +45,7 @@ def draw_pictures(
 ) -> list[Path]:
     """Write the pictures of `body` into `folder` as .png and return their paths; `name` is how they call the body.
 
-    Raises MjframesError where matplotlib is missing or where the folder cannot be written.
+    Raise MjframesError where matplotlib is missing or where the folder cannot be written.
     """
     try:
         from matplotlib.figure import Figure
@@ -80,7 +80,7 @@ def draw_pictures(
 
 
 def field_pictures(body: SoftBody, grid: Grid) -> Iterator[Picture]:
-    """The pictures of fields, one after the other: there may be hundreds of frames."""
+    """Yield the pictures of fields, one after the other: there may be hundreds of frames."""
     yield _stiffness(body, grid)
     yield _distance(body, grid)
     for i in range(len(body.parent)):

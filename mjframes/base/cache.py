@@ -38,12 +38,12 @@ SUFFIX, PARTIAL = ".npz", ".partial"
 def cached(
     stage: str, inputs: Iterable[object], compute: Callable[[], Mapping[str, np.ndarray]]
 ) -> dict[str, np.ndarray]:
-    """The arrays that `compute` returns, loaded where they are known from earlier.
+    """Return the arrays that `compute` returns, loaded where they are known from earlier.
 
     stage: names the computation.  inputs: all that the result depends on: None, bool, int, float, str, bytes, arrays,
     paths (the contents of the file count, not its name), dataclasses, and tuples, lists and dicts of these.
     compute: a function of these inputs alone; its arrays hold numbers, no objects, and none is called "file".
-    Raises TypeError for inputs of other types, and what `compute` raises.
+    Raise TypeError for inputs of other types, and what `compute` raises.
     """
     if os.environ.get(SWITCH) == "0":
         return dict(compute())
@@ -63,12 +63,12 @@ def cached(
 
 
 def stage_directory() -> Path:
-    """Where the entries are."""
+    """Return the directory of the entries."""
     return cache_directory().parent / "stages"
 
 
 def digest(value: object) -> str:
-    """SHA-256 of a value of the types that `cached` takes; values that differ in type or shape only differ in it."""
+    """Return SHA-256 of a value of the types that `cached` takes; another type or shape alone changes it."""
     state = hashlib.sha256()
     _update(state, value)
     return state.hexdigest()

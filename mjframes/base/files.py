@@ -13,9 +13,9 @@ from mjframes.base.errors import MjframesError
 
 @contextmanager
 def replacing(path: str | os.PathLike[str], what: str) -> Iterator[Path]:
-    """A temporary path beside `path`, with its ending, that takes its place when the block succeeds and goes when not.
+    """Yield a temporary path beside `path`, with its ending, that takes its place when the block succeeds, else goes.
 
-    Makes missing parent directories, which go too when the block fails.  Raises MjframesError, `what` ("the log")
+    Make missing parent directories, which go too when the block fails.  Raise MjframesError, `what` ("the log")
     cannot be written, for what the system refuses, before the block runs where that is known.
     """
     path = Path(path)

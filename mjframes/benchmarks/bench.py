@@ -42,14 +42,18 @@ OUTPUT = Path("out") / "bench.csv"
 
 
 class Size(NamedTuple):
-    """How a body is built. frames: how many.  samples: of the paper's method; None for the default one."""
+    """How a body is built.
+
+    frames: how many.
+    samples: of the paper's method; None for the default one.
+    """
 
     frames: int
     samples: int | None = None
 
     @property
     def options(self) -> dict[str, Any]:
-        """Of `build`."""
+        """Return the arguments of `build`."""
         return {"frames": self.frames} | ({"method": Paper(self.samples)} if self.samples else {})
 
     def __str__(self) -> str:
@@ -102,9 +106,10 @@ class Building:
 
 @dataclass(frozen=True)
 class Speed:
-    """Of one of the four models of a size.
+    """How fast one of the four models of a size is.
 
-    contacts, iterations: mean numbers, of the solver's iterations the latter.  step: median time of one [s].
+    contacts, iterations: mean numbers, of the solver's iterations the latter.
+    step: median time of one [s].
     """
 
     size: Size
@@ -117,29 +122,29 @@ class Speed:
 
 @dataclass(frozen=True)
 class Cost:
-    """Of a law: mean number of its points a region (none for the corotational one), and its four models' steps."""
+    """What a law costs: mean number of points a region (none for the corotational one), its four models' steps."""
 
     law: str
     points: float
     speeds: tuple[Speed, ...]
 
     def step(self, name: str) -> float:
-        """[s]"""
+        """Return the time of a step of the model `name` [s]."""
         return next(speed.step for speed in self.speeds if speed.name == name)
 
     @property
     def elasticity(self) -> float:
-        """[s]"""
+        """Return the time that elasticity takes in a step [s]."""
         return self.step(AIR) - self.step(BODIES)
 
     @property
     def over_bodies(self) -> float:
-        """With contacts, over the bodies alone with as many [-]."""
+        """Return the step with contacts over that of the bodies alone with as many [-]."""
         return self.step(SOFT) / self.step(SPHERES)
 
     @property
     def over_no_elasticity(self) -> float:
-        """With contacts, over the same step without the elasticity's part [-]."""
+        """Return the step with contacts over the same without the elasticity's part [-]."""
         return self.step(SOFT) / (self.step(SOFT) - self.elasticity)
 
 
@@ -154,14 +159,14 @@ class Run:
     state: np.ndarray
 
     def step(self, steps: int) -> float:
-        """Wall time of so many steps [s]."""
+        """Return the wall time of so many steps [s]."""
         mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
         start = time.perf_counter()
         mujoco.mj_step(self.model, self.data, nstep=steps)
         return time.perf_counter() - start
 
     def contacts(self, steps: int) -> tuple[float, float]:
-        """Mean numbers of contacts and of the solver's iterations over the steps."""
+        """Return the mean numbers of contacts and of the solver's iterations over the steps."""
         mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
         contacts = iterations = 0
         for _ in range(steps):
@@ -172,7 +177,7 @@ class Run:
 
 
 def main() -> None:
-    """Measures, prints tables, and writes every number to out/bench.csv."""
+    """Measure, print tables, and write every number to out/bench.csv."""
     os.environ[SWITCH] = "0"  # stages that were kept from an earlier run would flatter the times
     console = _console()
     rows: list[tuple[object, ...]] = [("machine", "", "", name, text, "") for name, text in machine().items()]
@@ -217,12 +222,12 @@ def main() -> None:
 
 
 def main_of_file(source: str, count: int | None, frames: Sequence[int]) -> None:
-    """The row of Table 2 for a mesh in a grid of `count` cells, or for a volume of `count` voxels."""
+    """Print the row of Table 2 for a mesh in a grid of `count` cells, or for a volume of `count` voxels."""
     _show(_console(), large_table(list(measure(jobs_of(source, count, frames)))), LARGE_NOTE)
 
 
 def main_of_growth(picture: str) -> None:
-    """A picture (.png) of time and memory from 10⁴ to 2·10⁷ cells."""
+    """Draw a picture (.png) of time and memory from 10⁴ to 2·10⁷ cells."""
     with tempfile.TemporaryDirectory() as folder:
         ring = ring_file(folder)
         measured = list(measure([Job(ring, cells, 10) for cells in GROWTH]))
@@ -231,7 +236,7 @@ def main_of_growth(picture: str) -> None:
 
 
 def large_table(measured: Sequence[Measured]) -> Table:
-    """One row a body."""
+    """Return the table with one row a body."""
     columns = ("cells", "voxels", "seconds", "voxels/s", "processor seconds", "bytes a cell", "the paper's seconds")
     table = _table("Precomputation of large volumes, from the file to the saved body", *columns)
     for m in measured:
@@ -245,7 +250,7 @@ def large_table(measured: Sequence[Measured]) -> Table:
 
 
 def machine() -> dict[str, str]:
-    """What the numbers depend on: processor, what else it does, system, versions."""
+    """Return what the numbers depend on: processor, what else it does, system, versions."""
     packages = ("mujoco", "numpy", "scipy", "numba")
     return {
         "processor": f"{_processor()}, {os.cpu_count()} cores, of which steps use one",
@@ -258,7 +263,7 @@ def machine() -> dict[str, str]:
 def measure_builds(
     volume: Volume, sizes: Sequence[Size], repeats: int
 ) -> tuple[tuple[SoftBody, ...], tuple[Building, ...]]:
-    """The soft bodies of the sizes, and how long it took to build them once the kernels were compiled."""
+    """Return the soft bodies of the sizes, and how long it took to build them once the kernels were compiled."""
     for size in sizes[:2]:  # of each method
         build(volume, **size.options)
     timings: list[list[dict[str, float]]] = [[] for _ in sizes]
@@ -279,7 +284,7 @@ def measure_builds(
 
 
 def prepare_runs(body: SoftBody, volume: Volume, size: Size, steps: int) -> tuple[Run, ...]:
-    """The four models: the soft body that falls on the edge of a box and the floor, and what it is compared with."""
+    """Return the four models: the soft body that falls on the edge of a box and the floor, and its comparisons."""
     soft = _start(size, SOFT, _scene(body, volume, contact=True).compile())
     spheres = _without_plugin(_scene(body, volume, contact=False))
     _add_spheres(spheres, round(soft.contacts(steps)[0]), float(np.ptp(body.control.rest)))
@@ -292,7 +297,7 @@ def prepare_runs(body: SoftBody, volume: Volume, size: Size, steps: int) -> tupl
 
 
 def measure_steps(runs: Sequence[Run], rounds: int, steps: int) -> tuple[Speed, ...]:
-    """All runs in turns, `rounds` times."""
+    """Measure all runs in turns, `rounds` times."""
     contacts = [run.contacts(steps) for run in runs]
     timings = [[run.step(steps) / steps for run in runs] for _ in range(rounds)]
     return tuple(
@@ -302,7 +307,7 @@ def measure_steps(runs: Sequence[Run], rounds: int, steps: int) -> tuple[Speed, 
 
 
 def measure_cost(volume: Volume, size: Size, law: str, rounds: int, steps: int) -> Cost:
-    """The four models of a size with elasticity of that law."""
+    """Measure the four models of a size with elasticity of that law."""
     body = build(volume, **size.options, law=law)
     of_law = body.quadrature or body.cells
     points = float(np.mean([len(some) for some in of_law.volume])) if of_law else 0.0
@@ -310,7 +315,7 @@ def measure_cost(volume: Volume, size: Size, law: str, rounds: int, steps: int) 
 
 
 def measure_profile(runs: Sequence[Run], rounds: int, steps: int) -> dict[str, float]:
-    """Shares of the step of the soft body of a size in contact: of its parts, and of the plugin's work on contacts."""
+    """Return shares of the step of a size's soft body in contact: of its parts, and of the plugin's contact work."""
     chosen = {run.name: run for run in runs if run.name in (SOFT, AIR)}
     found = profile(
         {name: run.data for name, run in chosen.items()},
@@ -322,7 +327,7 @@ def measure_profile(runs: Sequence[Run], rounds: int, steps: int) -> dict[str, f
 
 
 def build_table(buildings: Sequence[Building]) -> Table:
-    """Seconds of each stage, one column a size."""
+    """Return the seconds of each stage, one column a size."""
     table = _table(
         "Precomputation, seconds, with the kernels compiled", *(str(building.size) for building in buildings)
     )
@@ -334,7 +339,7 @@ def build_table(buildings: Sequence[Building]) -> Table:
 
 
 def step_table(speeds: Sequence[Speed]) -> Table:
-    """One row a model; the soft ones have the ratio to the same bodies without elasticity."""
+    """Return one row a model; the soft ones have the ratio to the same bodies without elasticity."""
     step = {(speed.size, speed.name): speed.step for speed in speeds}
     columns = ("contacts", "iterations", "µs a step", "steps/s", "× real time", "× bodies", "× paper's method")
     columns += ("the paper's frames/s",)
@@ -360,7 +365,7 @@ def step_table(speeds: Sequence[Speed]) -> Table:
 
 
 def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
-    """Percentages, one column a size."""
+    """Return percentages, one column a size."""
     table = _table(f"Where the step of {SOFT} goes, percent", *map(str, profiles))
     for part in (*PARTS, CONTACTS):
         cells = (f"{100 * shares[part]:.0f}" for shares in profiles.values())
@@ -369,7 +374,7 @@ def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
 
 
 def cost_table(costs: Sequence[Cost]) -> Table:
-    """What elasticity adds to the same bodies, one row a law."""
+    """Return what elasticity adds to the same bodies, one row a law."""
     columns = ("points a region", "µs, contact", "elasticity, µs", "× MuJoCo's", "× without elasticity")
     table = _table(f"Cost over the bodies alone, {costs[0].speeds[0].size}", *columns)
     for cost in costs:

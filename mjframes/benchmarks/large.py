@@ -38,9 +38,12 @@ GROWTH = tuple(int(10**power) for power in np.linspace(4, np.log10(7e6), 8))  # 
 
 @dataclass(frozen=True)
 class Job:
-    """A body to build. source: a mesh, of which the bounding grid has so many cells, or a volume, of which so many
-    voxels are inside.  frames: of the body.  samples: of the paper's method, None for the default one.  paper: the
-    model of Table 2 that is as large, and its t_ini [s].
+    """A body to build.
+
+    source: a mesh, of which the bounding grid has so many cells, or a volume, of which so many voxels are inside.
+    frames: of the body.
+    samples: of the paper's method, None for the default one.
+    paper: the model of Table 2 that is as large, and its t_ini [s].
     """
 
     source: str
@@ -52,7 +55,14 @@ class Job:
 
 @dataclass(frozen=True)
 class Measured:
-    """cells: of the grid.  voxels: inside.  seconds: wall time, processor: time of all threads.  memory: [bytes]."""
+    """What a job took.
+
+    cells: of the grid.
+    voxels: inside.
+    seconds: wall time [s].
+    processor: time of all threads [s].
+    memory: [bytes].
+    """
 
     job: Job
     cells: int
@@ -73,7 +83,7 @@ KNEE, RAT = (10, 200, 11.0), (30, 230, 90.0)
 
 
 def standard_jobs(folder: str) -> list[Job]:
-    """As large as the paper's knee, rat and dragon, each by both methods; `folder` gets a mesh file."""
+    """Return jobs as large as the paper's knee, rat and dragon, each by both methods; `folder` gets a mesh file."""
     ring, steak = ring_file(folder), str(STEAK)
     rows = [(steak, 500_000, KNEE, "knee"), (steak, 1_500_000, RAT, "rat")]
     rows += [(ring, 7_000_000, row, "dragon") for row in DRAGON]
@@ -85,9 +95,10 @@ def standard_jobs(folder: str) -> list[Job]:
 
 
 def jobs_of(source: str, count: int | None, frames: Sequence[int]) -> list[Job]:
-    """Of a mesh (.obj .stl .ply .off .glb) in `count` cells, or a label image with materials of `count` voxels inside.
+    """Return jobs of a mesh (.obj .stl .ply .off .glb) in `count` cells, or a label image with materials of
+    `count` voxels inside.
 
-    Raises MjframesError if there is no such file.
+    Raise MjframesError if there is no such file.
     """
     if not Path(source).is_file():
         raise MjframesError(f"{source}: there is no such file; give a mesh or a volume with materials.")
@@ -98,7 +109,7 @@ def jobs_of(source: str, count: int | None, frames: Sequence[int]) -> list[Job]:
 
 
 def ring_file(folder: str) -> str:
-    """A tilted ring of 0.3 m, a mesh of 24,000 triangles whose box is one sixth full, as the paper's dragon's."""
+    """Write a tilted ring of 0.3 m, a mesh of 24,000 triangles whose box is one sixth full, as the paper's dragon's."""
     import trimesh
 
     ring = trimesh.creation.torus(0.12, 0.035, major_sections=200, minor_sections=60)
@@ -109,7 +120,7 @@ def ring_file(folder: str) -> str:
 
 
 def measure(jobs: Sequence[Job], repeats: int = REPEATS) -> Iterator[Measured]:
-    """One after the other."""
+    """Yield what each job takes, one after the other."""
     context = get_context("spawn")
     with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as pool:
         for job in jobs:
@@ -118,7 +129,7 @@ def measure(jobs: Sequence[Job], repeats: int = REPEATS) -> Iterator[Measured]:
 
 
 def measure_here(job: Job) -> Measured:
-    """In this process, once: from the file to the saved body."""
+    """Measure a job in this process, once: from the file to the saved body."""
     os.environ[SWITCH] = "0"
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what a mesh lacks is not the question here
@@ -135,7 +146,7 @@ def measure_here(job: Job) -> Measured:
 
 
 def draw_growth(measured: Sequence[Measured], path: str | os.PathLike[str]) -> None:
-    """Time and memory over the number of cells, as a picture (.png).  Raises MjframesError without matplotlib."""
+    """Draw time and memory over the number of cells, as a picture (.png).  Raise MjframesError without matplotlib."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

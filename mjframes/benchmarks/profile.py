@@ -25,7 +25,7 @@ CLOCK_MONOTONIC = 1  # of Linux
 def profile(
     data: Mapping[str, mujoco.MjData], step: Mapping[str, Callable[[], object]], rounds: int
 ) -> dict[str, dict[str, float]]:
-    """Seconds of each part, medians, of models by name that are stepped in turns.
+    """Return the seconds of each part, medians, of models by name that are stepped in turns.
 
     data: whose timers tell.  step: runs the steps of a model; the sum of its parts is the time of all of these.
     """
@@ -42,7 +42,7 @@ def profile(
 
 
 def contact_share(touching: Mapping[str, float], free: Mapping[str, float]) -> float:
-    """The plugin's work on contacts in a step with contacts, from the seconds of its parts and those of free flight."""
+    """Return the plugin's work on contacts as a share of a step, from the seconds of parts there and in free flight."""
     work = sum(touching[part] - free[part] for part in ("collision", "forces"))
     return work / sum(touching.values())
 

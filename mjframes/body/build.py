@@ -166,9 +166,11 @@ def build(
 class _Elastic:
     """The elasticity of the frames.
 
-    shapes: their weights, corrected where the whole body is condensed.  stiffness: of the regions at rest.
-    region: (n,) of each voxel.  cells, quadrature: where a law for large strains is evaluated, by the whole body and
-    by the paper's method.  condensed: the whole body, None by the paper's.
+    shapes: their weights, corrected where the whole body is condensed.
+    stiffness: of the regions at rest.
+    region: (n,) of each voxel.
+    cells, quadrature: where a law for large strains is evaluated, by the whole body and by the paper's method.
+    condensed: the whole body, None by the paper's.
     """
 
     shapes: ShapeFunctions

@@ -27,7 +27,7 @@ def fewest_frames(
     """Return the first of COUNTS, up to `most`, whose body has an error of at most `error` [-], and that body.
 
     place, condense: make the frames of a number, and the body of those.
-    Raises MjframesError if none has.
+    Raise MjframesError if none has.
     """
     best: tuple[float, int, BodyError] | None = None
     for count in [some for some in COUNTS if some <= most]:

@@ -23,7 +23,10 @@ from mjframes.weights.weights import Weights, frame_weights
 class Frames:
     """f frames, numbered depth first in the tree; those of held pieces come first.
 
-    types: (f,).  seeds: the voxels of each frame's core.  tree: of elimination.  shapes: their weights, not corrected.
+    types: (f,).
+    seeds: the voxels of each frame's core.
+    tree: of elimination.
+    shapes: their weights, not corrected.
     regions: the paper's integration samples, None where the whole body is condensed.
     """
 

@@ -33,7 +33,8 @@ class Paper:
 class Options:
     """The arguments of `build`, as the stages take them.
 
-    paper: None for the whole body's stiffness.  metric: in which frames are spread.
+    paper: None for the whole body's stiffness.
+    metric: in which frames are spread.
     """
 
     paper: Paper | None

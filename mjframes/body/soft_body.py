@@ -31,7 +31,9 @@ WHAT = "the soft body"  # that its file holds
 class Skin:
     """The visible surface, moved by the control points.
 
-    vertices: (s, 3) volume coordinates [m].  faces: (t, 3).  label: (t,) material label of each triangle.
+    vertices: (s, 3) volume coordinates [m].
+    faces: (t, 3).
+    label: (t,) material label of each triangle.
     weights: (s, k) control weights W_j(s).
     """
 
@@ -45,7 +47,9 @@ class Skin:
 class ContactSpheres:
     """Spheres just under the surface, moved by the control points, sorted by patch and cluster.
 
-    centers: (s, 3) volume coordinates [m].  radius: [m].  patch: (s,) and cluster: (s,) within it, see `patches`.
+    centers: (s, 3) volume coordinates [m].
+    radius: [m].
+    patch: (s,) and cluster: (s,) within it, see `patches`.
     weights: (s, k) control weights W_j(s).
     """
 
@@ -106,22 +110,22 @@ class SoftBody:
 
     @property
     def shapes(self) -> ShapeFunctions:
-        """The control weights anywhere in the material."""
+        """Return the control weights anywhere in the material."""
         return ShapeFunctions(self.fields.weights, self.control, self.fields.correction)
 
     @property
     def materials(self) -> Mapping[int, Material]:
-        """The materials by label."""
+        """Return the materials by label."""
         return self.fields.volume.materials
 
     @property
     def voxels(self) -> int:
-        """How many are inside."""
+        """Return how many voxels are inside."""
         return len(self.fields.region)
 
     @property
     def held(self) -> int:
-        """How many frames, the first ones, are held by bodies that are there already."""
+        """Return how many frames, the first ones, are held by bodies that are there already."""
         return len(self.links)
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -24,7 +24,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -> Parser:
-    """The parser; its result has as `command` one of the functions, by the name of the command."""
+    """Return the parser; its result has as `command` one of the functions, by the name of the command."""
     parser = Parser(prog="mjframes", description="Soft bodies of several materials in MuJoCo, made of a few frames.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     try:
         with _terminable():
             arguments = command_line(COMMANDS).parse_args(argv)
@@ -77,7 +77,7 @@ def _discard_stdout() -> None:
 
 
 def build(arguments: argparse.Namespace) -> int:
-    """Label image, meshes or soft body in, soft body (.npz) or scene (.xml) out."""
+    """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml)."""
     output = Path(arguments.output)
     if output.suffix.lower() not in (".npz", ".xml"):
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
@@ -134,7 +134,7 @@ def build(arguments: argparse.Namespace) -> int:
 
 
 def _loaded(arguments: argparse.Namespace) -> SoftBody:
-    """The soft body that is given.  Raises MjframesError for what does not go with it."""
+    """The soft body that is given.  Raise MjframesError for what does not go with it."""
     from mjframes.body.soft_body import SoftBody
 
     path = arguments.volume[0]
@@ -214,7 +214,7 @@ def _weights(arguments: argparse.Namespace) -> str | Weights:
 
 
 def inspect(arguments: argparse.Namespace) -> int:
-    """Soft body in, pictures of what was precomputed out."""
+    """Read a soft body; write pictures of what was precomputed."""
     from rich.console import Console
 
     from mjframes.app.inspect import draw_pictures
@@ -317,7 +317,7 @@ def check(arguments: argparse.Namespace) -> int:
 
 
 def largest_piece(volume: Volume) -> Volume:
-    """The volume without its smaller pieces; prints how much that is."""
+    """Return the volume without its smaller pieces; print how much that is."""
     largest = volume.largest_component()
     voxels, kept = (int((v.labels != 0).sum()) for v in (volume, largest))
     if kept < voxels:
@@ -329,7 +329,7 @@ def largest_piece(volume: Volume) -> Volume:
 
 @contextmanager
 def printed_notices() -> Iterator[None]:
-    """Prints the notices given in this block, a line each, and leaves other warnings alone."""
+    """Print the notices given in this block, a line each, and leave other warnings alone."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Notice)
         try:

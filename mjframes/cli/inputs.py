@@ -60,12 +60,12 @@ def read_volume(
     drop_unknown: bool = False,
     up: str = "z",
 ) -> Volume:
-    """The volume in one label image, or in one or more meshes, each with the material of its place.
+    """Return the volume in one label image, or in one or more meshes, each with the material of its place.
 
     spacing: (3,) [m].  voxels: about how many to have inside.  scale: [m] that a unit of the meshes is long.
     drop_unknown: an image's labels without a material are outside.  up: axis of the file that points up.
-    Warns (Notice) of what is chosen where nothing is given.
-    Raises MjframesError for what cannot be read or does not go together.
+    Warn (Notice) of what is chosen where nothing is given.
+    Raise MjframesError for what cannot be read or does not go together.
     """
     is_mesh = [Path(file).suffix.lower() in MESH_TYPES for file in files]
     if not any(is_mesh):
@@ -95,7 +95,7 @@ def read_volume(
 
 
 def read_materials(path: str) -> Materials:
-    """The materials in a YAML file.  Raises MjframesError if it is missing or says something else."""
+    """Return the materials in a YAML file.  Raise MjframesError if it is missing or says something else."""
     try:
         entries = yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
     except (OSError, UnicodeDecodeError) as error:
@@ -124,7 +124,10 @@ def read_materials(path: str) -> Materials:
 
 
 def parse_materials(texts: Sequence[str]) -> dict[int, Material]:
-    """Materials by label, each from what `parse_material` takes.  Raises MjframesError for a label that comes twice."""
+    """Return materials by label, each from what `parse_material` takes.
+
+    Raise MjframesError for a label that comes twice.
+    """
     found: dict[int, Material] = {}
     for text in texts:
         label, material = parse_material(text)
@@ -135,10 +138,10 @@ def parse_materials(texts: Sequence[str]) -> dict[int, Material]:
 
 
 def parse_material(text: str) -> tuple[int, Material]:
-    """(label, material) from "1=flesh:young=3e4,poisson=0.45,density=1050" or "2=bone:rigid,density=1900".
+    """Return (label, material) of "1=flesh:young=3e4,poisson=0.45,density=1050" or "2=bone:rigid,density=1900".
 
     The name is optional; rgba=0.8/0.3/0.3/1 sets the colour, the opacity may be left out.
-    Raises MjframesError for anything else.
+    Raise MjframesError for anything else.
     """
     head, _, tail = text.partition(":")
     label, _, name = head.partition("=")
@@ -148,7 +151,7 @@ def parse_material(text: str) -> tuple[int, Material]:
 
 
 def parse_fill(text: str) -> Material:
-    """The material from "flesh:young=3e4,poisson=0.45,density=1050".  Raises MjframesError for anything else."""
+    """Return the material of "flesh:young=3e4,poisson=0.45,density=1050".  Raise MjframesError for anything else."""
     name, _, tail = text.partition(":")
     return _parse(f"--fill {text!r}", name, tail)
 

@@ -40,14 +40,14 @@ SINGULAR = 1e-8  # [-] of A Z
 
 
 def closest_rotation(deformation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """R (3, 3) in SO(3) that maximises tr(Rᵀ F), for F (3, 3): inverted shapes flip their thinnest direction."""
+    """Return R (3, 3) in SO(3) that maximises tr(Rᵀ F), for F (3, 3): inverted shapes flip their thinnest direction."""
     u, _, vt = np.linalg.svd(deformation)
     u[:, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))
     return u @ vt
 
 
 def cross_stack(z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Z (3m, 3) with (Z a)_j = a × z_j, for z (m, 3)."""
+    """Return Z (3m, 3) with (Z a)_j = a × z_j, for z (m, 3)."""
     stack = np.zeros((len(z), 3, 3))
     stack[:, 0, 1], stack[:, 0, 2] = z[:, 2], -z[:, 1]
     stack[:, 1, 0], stack[:, 1, 2] = -z[:, 2], z[:, 0]
@@ -56,18 +56,18 @@ def cross_stack(z: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
-    """Of the symmetric part of a matrix (3, 3)."""
+    """Return the smallest eigenvalue of the symmetric part of a matrix (3, 3)."""
     return float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0])
 
 
 def trust(agreement: float) -> float:
-    """θ [-], how much a region's own gradients count, for e."""
+    """Return θ [-], how much a region's own gradients count, for e."""
     t = min(max((agreement - OPPOSED) / (AGREEING - OPPOSED), 0.0), 1.0)
     return t * t * (3 - 2 * t)
 
 
 def shape_gradient(z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """N (z_j − c) (m, 3) [1/m], N = (Σ_j (z_j − c)(z_j − c)ᵀ)⁻¹, c their mean: gradients of a shape as it is now."""
+    """Return gradients (m, 3) [1/m] of a shape as it is now: N (z_j − c), N = (Σ_j (z_j − c)(z_j − c)ᵀ)⁻¹, c a mean."""
     offset = z - z.mean(axis=0)
     moment = offset.T @ offset
     return offset @ np.linalg.inv(moment + (FLAT * np.trace(moment) + TINY) * np.eye(3))
@@ -75,14 +75,19 @@ def shape_gradient(z: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class LawCell:
-    """volume: V_q [m³].  law: of its material.  slope: E_q (9, 3m) [1/m], row 3r + a for F_ra."""
+    """A point at which a region's hyperelastic law is evaluated.
+
+    volume: V_q [m³].
+    law: of its material.
+    slope: E_q (9, 3m) [1/m], row 3r + a for F_ra.
+    """
 
     volume: float
     law: LawParameters
     slope: NDArray[np.float64]
 
     def deformation(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """F_q (1, 3, 3)."""
+        """Return F_q (1, 3, 3)."""
         return np.eye(3)[None] + (self.slope @ y).reshape(1, 3, 3)
 
 
@@ -90,7 +95,8 @@ class LawCell:
 class Fallback:
     """What a region turns by where its frames disagree.
 
-    gradient: ĝ (m, 3) [1/m], 0 for the child's points.  own: g° (m, 3) [1/m], 0 for frames that have none.
+    gradient: ĝ (m, 3) [1/m], 0 for the child's points.
+    own: g° (m, 3) [1/m], 0 for frames that have none.
     frame: (m,) of each point, the child last.
     """
 
@@ -99,7 +105,7 @@ class Fallback:
     frame: NDArray[np.int64]
 
     def agreement(self, x: NDArray[np.float64], gradient: NDArray[np.float64]) -> float:
-        """e [-] with the points at x (m, 3) [m]; gradient: ḡ (m, 3) [1/m]."""
+        """Return e [-] with the points at x (m, 3) [m]; gradient: ḡ (m, 3) [1/m]."""
         deformation = x.T @ gradient
         back = closest_rotation(deformation).T
         frames = (self.frame == i for i in np.unique(self.frame))
@@ -108,15 +114,20 @@ class Fallback:
 
     @property
     def parents(self) -> int:
-        """How many points are the parents', which come first."""
+        """Return how many points are the parents', which come first."""
         return int((self.frame != self.frame[-1]).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class CorotationalRegion:
-    """points: (m,) its control points.  rest: x̄ (m, 3) [m].  gradient: ḡ (m, 3) [1/m].  stiffness: K_e [N/m].
+    """A region with corotational elasticity.
 
-    fallback: None where ḡ stands alone.  cells: of a hyperelastic law, of which K_e is what remains.
+    points: (m,) its control points.
+    rest: x̄ (m, 3) [m].
+    gradient: ḡ (m, 3) [1/m].
+    stiffness: K_e [N/m].
+    fallback: None where ḡ stands alone.
+    cells: of a hyperelastic law, of which K_e is what remains.
     """
 
     points: NDArray[np.int64]
@@ -127,18 +138,18 @@ class CorotationalRegion:
     cells: tuple[LawCell, ...] = ()
 
     def effective_gradient(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """θ [-] and g (m, 3) [1/m] with the region's control points at x (m, 3) [m]."""
+        """Return θ [-] and g (m, 3) [1/m] with the region's control points at x (m, 3) [m]."""
         if self.fallback is None:
             return 1.0, self.gradient
         theta = trust(self.fallback.agreement(x, self.gradient))
         return theta, theta * self.gradient + (1 - theta) * self.fallback.gradient
 
     def rotation(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """R (3, 3)."""
+        """Return R (3, 3)."""
         return closest_rotation(x.T @ self.effective_gradient(x)[1])
 
     def spin(self, x: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-        """ω (3,) [rad/s] with dR/dt = R [ω]×, while the region's control points at x (m, 3) [m] move by v (m, 3) [m/s].
+        """Return ω (3,) [rad/s], dR/dt = R [ω]×, while the region's points at x (m, 3) [m] move by v (m, 3) [m/s].
 
         With S = RᵀF, ω solves (tr(S) 1 − S) ω = axial(RᵀḞ − ḞᵀR); how θ changes is left out.
         """
@@ -150,13 +161,13 @@ class CorotationalRegion:
         return np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True) @ axial
 
     def energy(self, x: NDArray[np.float64]) -> float:
-        """½ yᵀ K_e y + Σ_q V_q ψ(F_q) [J]"""
+        """Return ½ yᵀ K_e y + Σ_q V_q ψ(F_q) [J]."""
         _, _, y = self._strain(x, self.effective_gradient(x)[1])
         cells = sum(c.volume * float(energy(c.law, c.deformation(y))[0]) for c in self.cells)
         return 0.5 * float(y @ self.stiffness @ y) + cells
 
     def response(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m]."""
+        """Return elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m]."""
         theta, gradient = self.effective_gradient(x)
         rotation, z, y = self._strain(x, gradient)
         stretch = z.T @ gradient

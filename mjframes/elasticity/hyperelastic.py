@@ -24,7 +24,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HyperelasticRegion:
-    """points: (m,) its control points.  gradient: ∇W_j (q, m, 3) [1/m].  volume: (q,) [m³].
+    """A region with a hyperelastic law at its quadrature points.
+
+    points: (m,) its control points.
+    gradient: ∇W_j (q, m, 3) [1/m].
+    volume: (q,) [m³].
     material: (q,) places in `laws`, the law's constants for each material.
     """
 
@@ -35,12 +39,12 @@ class HyperelasticRegion:
     laws: tuple[LawParameters, ...]
 
     def energy(self, x: Array) -> float:
-        """[J] with the region's control points at x (m, 3) [m]."""
+        """Return the energy [J] with the region's control points at x (m, 3) [m]."""
         F = self._deformation(x)
         return float(sum(self.volume[q] @ energy(law, F[q]) for law, q in self._cells()))
 
     def response(self, x: Array) -> tuple[Array, Array]:
-        """Elastic force (m, 3) [N] and stiffness (3m, 3m) [N/m]."""
+        """Return elastic force (m, 3) [N] and stiffness (3m, 3m) [N/m]."""
         F, m = self._deformation(x), len(self.points)
         force, stiffness = np.zeros((m, 3)), np.zeros((3 * m, 3 * m))
         for law, q in self._cells():

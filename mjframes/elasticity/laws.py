@@ -55,14 +55,14 @@ class LawParameters:
 
     @property
     def constants(self) -> tuple[float, float, float]:
-        """What the plugin reads: (μ, 0, K), (μ, 0, K), (c₁₀, c₀₁, K) or (μ, N, K)."""
+        """Return what the plugin reads: (μ, 0, K), (μ, 0, K), (c₁₀, c₀₁, K) or (μ, N, K)."""
         if self.law == "mooney_rivlin":
             return self.c10, self.c01, self.bulk
         return self.mu, self.segments, self.bulk
 
     @property
     def hooke(self) -> tuple[float, float]:
-        """Young's modulus [Pa] and Poisson's ratio [-] of small strains."""
+        """Return Young's modulus [Pa] and Poisson's ratio [-] of small strains."""
         mu = self.mu or 2 * (self.c10 + self.c01)
         young = 9 * self.bulk * mu / (3 * self.bulk + mu)
         return young, max(0.0, young / (2 * mu) - 1)
@@ -105,7 +105,7 @@ def law_parameters(law: Law, material: Material) -> LawParameters:
 
 
 def law_of_constants(law: str, constants: Sequence[float]) -> LawParameters:
-    """The parameters from what `constants` gave."""
+    """Return the parameters from what `constants` gave."""
     names = ("c10", "c01", "bulk") if law == "mooney_rivlin" else ("mu", "segments", "bulk")
     return LawParameters(cast(Law, law), **dict(zip(names, constants, strict=True)))
 
@@ -116,14 +116,14 @@ def _require(made: LawParameters, name: str, value: float, holds: bool, conditio
 
 
 def energy(parameters: LawParameters, F: Array) -> Array:
-    """ψ (q,) [J/m³] of deformation gradients F (q, 3, 3); 0 at rest."""
+    """Return ψ (q,) [J/m³] of deformation gradients F (q, 3, 3); 0 at rest."""
     i1, i2, j, _ = _invariants(F)
     (f, _, _), c2, d, kappa = _terms(parameters, i1)
     return f + c2 * (i2 - 3) - d * (j - 1) + kappa / 2 * (j - 1) ** 2
 
 
 def stress(parameters: LawParameters, F: Array) -> Array:
-    """First Piola stress P (q, 3, 3) [Pa] = 2 f' F + 2 c₂ (I₁ F − F C) + (κ (J − 1) − d) cof F."""
+    """Return the first Piola stress P (q, 3, 3) [Pa] = 2 f' F + 2 c₂ (I₁ F − F C) + (κ (J − 1) − d) cof F."""
     i1, _, j, cofactor = _invariants(F)
     (_, slope, _), c2, d, kappa = _terms(parameters, i1)
     along = 2 * (slope + c2 * i1)[:, None, None]
@@ -131,7 +131,7 @@ def stress(parameters: LawParameters, F: Array) -> Array:
 
 
 def hessian(parameters: LawParameters, F: Array) -> Array:
-    """∂P/∂F (q, 9, 9) [Pa], row 3r + a and column 3s + b for ∂P_ra/∂F_sb."""
+    """Return ∂P/∂F (q, 9, 9) [Pa], row 3r + a and column 3s + b for ∂P_ra/∂F_sb."""
     i1, _, j, cofactor = _invariants(F)
     (_, slope, curvature), c2, d, kappa = _terms(parameters, i1)
     eye = np.eye(3)
@@ -161,8 +161,9 @@ def hessian(parameters: LawParameters, F: Array) -> Array:
 
 
 def projected_hessian(parameters: LawParameters, F: Array) -> Array:
-    """∂P/∂F (q, 9, 9) [Pa] with the magnitudes of its eigenvalues λ, positive semi-definite; no Newton step from it is
-    longer than `REACH` along an eigenvector n, in F or to the largest stretch σ: max(|λ|, |P·n| / (REACH max(1, σ))).
+    """Return ∂P/∂F (q, 9, 9) [Pa] with the magnitudes of its eigenvalues λ, positive semi-definite; no Newton step from
+    it is longer than `REACH` along an eigenvector n, in F or to the largest stretch σ:
+    max(|λ|, |P·n| / (REACH max(1, σ))).
 
     With zero for negative ones a crumpled body has nothing but its mass against a large force there, and large steps
     throw it apart (Chen et al., Stabler Neo-Hookean Simulation, SIGGRAPH 2024); so do those eigenvalues that pass
@@ -175,7 +176,7 @@ def projected_hessian(parameters: LawParameters, F: Array) -> Array:
 
 
 def cauchy_stress(parameters: LawParameters, F: Array) -> Array:
-    """σ (q, 3, 3) [Pa] = P Fᵀ / J; |J| counts as 1e-6 where it is less, as in the plugin."""
+    """Return σ (q, 3, 3) [Pa] = P Fᵀ / J; |J| counts as 1e-6 where it is less, as in the plugin."""
     j = np.linalg.det(F)[:, None, None]
     return stress(parameters, F) @ _transposed(F) / np.copysign(np.maximum(np.abs(j), LEAST_VOLUME), j)
 

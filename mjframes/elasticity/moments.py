@@ -36,7 +36,7 @@ _AXES = np.eye(3, dtype=np.int64)
 def mean_monomials(
     index: NDArray[np.int32], voxels: NDArray[np.int32], center: Array, scale: Array, degree: int
 ) -> Array:
-    """(p,) means over the voxels, their extent included, of the monomials of y = (index − center) / scale."""
+    """Return the means (p,) over the voxels, with their extent, of the monomials of y = (index − center) / scale."""
     # the mean of (x + u)ⁿ over |u| ≤ h/2 is Σ_k C(n, 2k) (h/2)^2k / (2k + 1) x^(n − 2k)
     own = np.zeros((3, degree + 1, degree + 1))
     for n, k in product(range(degree + 1), repeat=2):
@@ -46,7 +46,7 @@ def mean_monomials(
 
 
 def inside(index: NDArray[np.int32], voxels: NDArray[np.int32], center: Array, scale: Array) -> Array:
-    """y (s, 3) of Gauss's points in voxels spread over all of them: 5³ in each where few, 2³ where many."""
+    """Return y (s, 3) of Gauss's points in voxels spread over all of them: 5³ in each where few, 2³ where many."""
     some = voxels[np.unique(np.linspace(0, len(voxels) - 1, SAMPLE // 8).astype(int))]
     side = int(np.clip((SAMPLE / len(some)) ** (1 / 3) + 1e-9, 2, 5))
     offset = 0.5 * np.array(list(product(np.polynomial.legendre.leggauss(side)[0], repeat=3)))
@@ -54,7 +54,7 @@ def inside(index: NDArray[np.int32], voxels: NDArray[np.int32], center: Array, s
 
 
 def rule(mean: Array, degree: int, candidates: Callable[[], Array]) -> tuple[Array, Array] | None:
-    """Points y (q, 3) and weights (q,), of sum 1, that match the means (p,) of the monomials up to `degree`.
+    """Return points y (q, 3) and weights (q,), of sum 1, that match the means (p,) of the monomials up to `degree`.
 
     The means of first order must be 0.  candidates: (s, 3) points inside, asked for where no known rule bends to fit.
     None where they do not lead to a rule either.
@@ -122,7 +122,15 @@ def _bend(y: Array, weights: Array, mean: Array, degree: int) -> tuple[Array, Ar
 
 
 @njit(cache=True, nogil=True)
-def _sum_monomials(index, voxels, center, scale, powers, own):
+def _sum_monomials(
+    index: NDArray[np.int32],
+    voxels: NDArray[np.int32],
+    center: Array,
+    scale: Array,
+    powers: NDArray[np.int64],
+    own: Array,
+) -> Array:
+    """Return (p,) sums of the means over each voxel; own: (3, n + 1, n + 1) coefficients of those of xⁿ."""
     degree = own.shape[1] - 1
     total, x, mean = np.zeros(len(powers)), np.empty(degree + 1), np.empty((3, degree + 1))
     for v in voxels:

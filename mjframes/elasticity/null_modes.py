@@ -22,7 +22,7 @@ NULL = 1e-9  # [-] eigenvalue, to the largest of the scaled matrix, that counts 
 
 
 def null_modes(stiffness: Stiffness, control: ControlPoints, rigid: Sequence[int] = ()) -> NDArray[np.float64]:
-    """(z, k) vectors, one number a control point, that strain no region in any direction; without the constant one.
+    """Return vectors (z, k), a number a control point, that strain no region in any direction; not the constant one.
 
     rigid: frames that cannot be strained: their points move alike.
     """
@@ -42,7 +42,7 @@ def null_modes(stiffness: Stiffness, control: ControlPoints, rigid: Sequence[int
 
 
 def hold_null_modes(stiffness: Stiffness, control: ControlPoints, rigid: Sequence[int] = ()) -> Stiffness:
-    """The same with a stiffness of the size of K_e's mean diagonal against each null mode."""
+    """Return the same with a stiffness of the size of K_e's mean diagonal against each null mode."""
     modes = null_modes(stiffness, control, rigid)
     matrices = list(stiffness.matrix)
     for i in range(len(modes)):

@@ -39,10 +39,13 @@ ENERGY_ORDER: dict[Strain, int] = {"corotational": 2, "green_lagrange": 4}  # Ta
 
 @dataclass(frozen=True, eq=False)
 class Quadrature:
-    """Of r regions; m is the number of a region's control points and q that of its quadrature points.
+    """The quadrature of r regions; m is the number of a region's control points and q that of its quadrature points.
 
-    points: (m,) control points of each, ancestors in the tree first.  position: (q, 3) volume coordinates [m].
-    volume: (q,) [m³].  gradient: (q, m, 3) ∇W_j [1/m].  material: (q,) place in the grid's table.
+    points: (m,) control points of each, ancestors in the tree first.
+    position: (q, 3) volume coordinates [m].
+    volume: (q,) [m³].
+    gradient: (q, m, 3) ∇W_j [1/m].
+    material: (q,) place in the grid's table.
     """
 
     points: tuple[NDArray[np.int64], ...]
@@ -54,7 +57,10 @@ class Quadrature:
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """Voxels of one material in a region. frames: of the region, ancestors first."""
+    """Voxels of one material in a region.
+
+    frames: of the region, ancestors first.
+    """
 
     region: int
     material: int
@@ -69,11 +75,11 @@ def quadrature(
     tree: Tree,
     strain: Strain = "corotational",
 ) -> Quadrature:
-    """The quadrature points of every region.
+    """Return the quadrature points of every region.
 
     strain: whose energy they integrate exactly. "corotational": quadratic in F, that is, what any law is for small
     strains; "green_lagrange": quartic.
-    Raises MjframesError for other strains.
+    Raise MjframesError for other strains.
     """
     if strain not in ENERGY_ORDER:
         raise MjframesError(f"strain is {strain!r}; it must be one of {', '.join(map(repr, ENERGY_ORDER))}.")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -27,7 +28,10 @@ FLAT = 1e-9  # [-] relative second moment below which a region has no extent in 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """r regions. label: (n,) int32, the region of each voxel.  frames: the frames of each, ascending.
+    """r regions.
+
+    label: (n,) int32, the region of each voxel.
+    frames: the frames of each, ascending.
     fit_error: (r,) rms over its voxels of the norm of the weights' residuals from their linear fit.
     """
 
@@ -51,9 +55,9 @@ class _Part:
 
 
 def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Regions:
-    """At most `samples` regions; fewer if the weights (n, f) are linear in all of them before that number is reached.
+    """Return at most `samples` regions; fewer if the weights (n, f) are linear in all of them before that.
 
-    Raises MjframesError for samples < 1.
+    Raise MjframesError for samples < 1.
     """
     if not isinstance(samples, (int, np.integer)) or samples < 1:
         raise MjframesError(f"samples is {samples!r}; it must be an integer ≥ 1, the number of regions.")
@@ -80,13 +84,13 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
 
 
 def renumbered(regions: Regions, order: NDArray[np.integer]) -> Regions:
-    """The same with frame order[i] called i."""
+    """Return the same with frame order[i] called i."""
     number = np.argsort(order)
     return replace(regions, frames=tuple(tuple(sorted(int(number[i]) for i in some)) for some in regions.frames))
 
 
 def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]]:
-    """The voxels of each region, ascending."""
+    """Return the voxels of each region, ascending."""
     ends = np.cumsum(np.bincount(label, minlength=regions))
     voxels = np.empty(len(label), np.int32)
     _sort_by_label(label, ends - np.bincount(label, minlength=regions), voxels)
@@ -94,7 +98,10 @@ def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]
 
 
 def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """The number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f) of weights (n, f)."""
+    """Return the number (n,) of each voxel's set of frames, in order of appearance, and the sets (r, f).
+
+    weights: (n, f).
+    """
     label = np.empty(len(weights.indptr) - 1, np.int32)
     first = _number_sets(weights.indptr, weights.indices, label)
     return label, weights[first].toarray() > 0
@@ -163,7 +170,15 @@ def _merge(
 
 
 @njit(cache=True, nogil=True)
-def _join_films(index, padded, piece, label, frame, sets):
+def _join_films(
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    piece: NDArray[np.int32],
+    label: NDArray[np.int32],
+    frame: NDArray[np.int32],
+    sets: NDArray[np.bool_],
+) -> NDArray[np.int32]:
+    """Return labels (n,), films with that of a neighbour; frame: (r,) of sets of one frame alone, −1 for others."""
     joined = label.copy()
     for v in range(len(label)):
         i = frame[label[v]]
@@ -185,15 +200,18 @@ def _join_films(index, padded, piece, label, frame, sets):
 
 
 @njit(cache=True, nogil=True)
-def _sort_by_label(label, begin, voxels):
+def _sort_by_label(label: NDArray[np.int32], begin: NDArray[np.integer], voxels: NDArray[np.int32]) -> None:
+    """Counting sort: put label e's voxels from begin[e] on; begin is used up."""
     for v in range(len(label)):
         voxels[begin[label[v]]] = v
         begin[label[v]] += 1
 
 
 @njit(cache=True, nogil=True)
-def _number_sets(indptr, indices, label):
-    """Numbers the rows' sets of columns; the first row of each."""
+def _number_sets(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], label: NDArray[np.int32]
+) -> NDArray[np.int64]:
+    """Number the rows' sets of columns; return the first row of each."""
     slots = 1024
     number = np.full(slots, -1, np.int64)
     first, count = np.empty(512, np.int64), 0
@@ -225,7 +243,7 @@ def _number_sets(indptr, indices, label):
 
 
 @njit(cache=True, nogil=True)
-def _same(indices, low, high, other_low, other_high):
+def _same(indices: NDArray[np.integer], low: Any, high: Any, other_low: int, other_high: int) -> bool:
     if high - low != other_high - other_low:
         return False
     k = low
@@ -235,7 +253,7 @@ def _same(indices, low, high, other_low, other_high):
 
 
 @njit(cache=True, nogil=True)
-def _hash(indices, low, high):
+def _hash(indices: NDArray[np.integer], low: Any, high: Any) -> np.int64:
     mixed = np.uint64(high - low)
     for k in range(low, high):
         mixed = (mixed ^ np.uint64(indices[k])) * np.uint64(0x9E3779B97F4A7C15)
@@ -244,7 +262,15 @@ def _hash(indices, low, high):
 
 
 @njit(cache=True, nogil=True)
-def _moments(index, voxels, mean, indptr, indices, data, column):
+def _moments(
+    index: NDArray[np.int32],
+    voxels: NDArray[np.int32],
+    mean: NDArray[np.float64],
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    column: NDArray[np.int64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Σ x xᵀ, Σ x w_iᵀ and Σ_i Σ (w_i − its mean)², x the voxels' indices relative to their mean.
 
     column: (f,) all −1; frames get one in the order in which they occur.

@@ -35,14 +35,14 @@ SOLID = 0.1  # [-] how far single points have to reach along each axis, to the l
 
 
 def fitted_gradient(rest: Array, weight: Array) -> Array:
-    """g (m, 3) with Σ_j x_j g_jᵀ the F that fits x_j = F X_j + t best by least squares, as far as the points reach."""
+    """Return g (m, 3): Σ_j x_j g_jᵀ is the F that fits x_j = F X_j + t by least squares, as far as the points reach."""
     offset = rest - weight @ rest / weight.sum()
     moment = (weight[:, None] * offset).T @ offset
     return weight[:, None] * offset @ np.linalg.pinv(moment, rcond=FLAT, hermitian=True)
 
 
 def frame_gradients(rest: Array, frame: NDArray[np.int64]) -> Array:
-    """g° (m, 3) of every frame, 0 for those of one point."""
+    """Return g° (m, 3) of every frame, 0 for those of one point."""
     own = np.zeros_like(rest)
     for i in np.unique(frame):
         of_frame = frame == i
@@ -52,7 +52,7 @@ def frame_gradients(rest: Array, frame: NDArray[np.int64]) -> Array:
 
 
 def frame_shares(frame: NDArray[np.int64], stiffness: Array) -> Array:
-    """(m,) of each point's frame: ½ for the child, the last one, ½ for its parents together, by κ; 1 for a root."""
+    """Return (m,) of each point's frame: ½ for the child, the last one, ½ for its parents, by κ; 1 for a root."""
     child = frame == frame[-1]
     if child.all():
         return np.ones(len(frame))
@@ -64,7 +64,7 @@ def frame_shares(frame: NDArray[np.int64], stiffness: Array) -> Array:
 
 
 def region_gradient(rest: Array, frame: NDArray[np.int64], stiffness: Array) -> Array:
-    """ḡ (m, 3) of a region."""
+    """Return ḡ (m, 3) of a region."""
     shares, size = frame_shares(frame, stiffness), np.bincount(frame)[frame]
     if (size == 1).any():
         return fitted_gradient(rest, shares / size)
@@ -72,7 +72,7 @@ def region_gradient(rest: Array, frame: NDArray[np.int64], stiffness: Array) -> 
 
 
 def fallback_gradient(rest: Array, frame: NDArray[np.int64]) -> Array:
-    """ĝ (m, 3) of a region, 0 where it has no parents or no use for it."""
+    """Return ĝ (m, 3) of a region, 0 where it has no parents or no use for it."""
     parents = frame != frame[-1]
     flat = (np.bincount(frame)[frame] == 1).any() and _reach(rest)[2] < SOLID
     fallback = np.zeros_like(rest)
@@ -90,7 +90,7 @@ def _reach(rest: Array) -> Array:
 
 
 def with_rotations(stiffness: Stiffness, control: ControlPoints) -> Stiffness:
-    """The same with ḡ and ĝ of every region, for one region a frame."""
+    """Return the same with ḡ and ĝ of every region, for one region a frame."""
     parts = [
         (control.rest[points], control.frame[points], matrix)
         for points, matrix in zip(stiffness.points, stiffness.matrix, strict=True)

@@ -28,14 +28,13 @@ SHARE = 1 << 15  # [voxels] that one thread sums up at a time
 
 @dataclass(frozen=True, eq=False)
 class Stiffness:
-    """Of r regions; m is the number of a region's control points.
+    """The stiffness of r regions; m is the number of a region's control points.
 
     points: (m,) control points of each, ancestors in the tree first.
     gradient: (m, 3) ḡ_j that show how it is turned [1/m]: mean of ∇W_j by E dV, or as in rotations.py.
     matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
     volume: (r,) [m³].
-    fallback: (m, 3) ĝ_j that turn it where its frames disagree [1/m], 0 for regions without; empty where
-    all are.
+    fallback: (m, 3) ĝ_j that turn it where its frames disagree [1/m], 0 for regions without; empty where all are.
     """
 
     points: tuple[NDArray[np.int64], ...]
@@ -46,12 +45,12 @@ class Stiffness:
 
     @property
     def spectrum(self) -> tuple[NDArray[np.float64], ...]:
-        """(3m,) eigenvalues of each K_e, ascending [N/m]: six zeros, then the softest ways to strain the region."""
+        """Return the eigenvalues (3m,) of each K_e, ascending [N/m]: six zeros, then the softest ways to strain."""
         return tuple(np.asarray(np.linalg.eigvalsh(matrix), np.float64) for matrix in self.matrix)
 
 
 def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree: Tree) -> Stiffness:
-    """Stiffness matrix and mean gradients of every region, at rest."""
+    """Return the stiffness matrix and the mean gradients of every region, at rest."""
     weights, control = shapes.weights, shapes.control
     rank = np.argsort(tree.order)
     frames = [np.array(members)[np.argsort(rank[list(members)])] for members in regions.frames]
@@ -84,7 +83,7 @@ def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree:
 
 
 def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The least change of ḡ (m, 3) that makes Σ_j x̄_j ḡ_jᵀ = I as far as the points x̄ (m, 3) reach, Σ_j ḡ_j = 0.
+    """Return ḡ (m, 3), changed the least for Σ_j x̄_j ḡ_jᵀ = I as far as the points x̄ (m, 3) reach, and Σ_j ḡ_j = 0.
 
     Weights of frames that can turn have it already; those of point frames would not see a rotation as one.
     """
@@ -94,7 +93,7 @@ def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) ->
 
 
 def blind_to_translations(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """K_e (3m, 3m) without the forces on common translations of all points, which are rounding errors.
+    """Return K_e (3m, 3m) without the forces on common translations of all points, which are rounding errors.
 
     Where h²K/m is as much as one over rounding, they would push a free body around.
     """

@@ -32,7 +32,7 @@ class Batch(Workspace):
 
     @cached_property
     def solution(self) -> Floats:
-        """Memory for the results of those who keep none of their own."""
+        """Return memory for the results of those who keep none of their own."""
         return np.zeros_like(self.r[0])
 
 
@@ -67,13 +67,13 @@ def reporter(progress: Progress, of: int) -> Callable[[], None]:
 
 
 def load(forces: sparse.csr_array, columns: Array, target: Floats) -> None:
-    """target (N, 3, k) ← sums of forces (N, m) weighted by `columns` (3m, k), whose row 3b + d is force b along d."""
+    """Set target (N, 3, k) to sums of forces (N, m) by `columns` (3m, k), whose row 3b + d is force b along d."""
     weights = np.ascontiguousarray(columns.reshape(len(columns) // 3, -1), target.dtype)
     multiply(forces, weights, target)
 
 
 def multiply(matrix: sparse.csr_array, source: Floats, target: Floats) -> None:
-    """target ← matrix source, for a sparse matrix (r, c), source (c, l) and target (r, l), of whatever shapes."""
+    """Set target to matrix source, for a sparse matrix (r, c), source (c, l) and target (r, l), of whatever shapes."""
     rows, columns = matrix.shape  # pyright: ignore[reportGeneralTypeIssues]  SciPy's own annotation allows None
     kernels.combine(matrix.indptr, matrix.indices, matrix.data, source.reshape(columns, -1), target.reshape(rows, -1))
 

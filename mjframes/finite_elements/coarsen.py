@@ -35,7 +35,12 @@ class Rows(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Sets of nodes that interact. node: (c lists).  modulus: (c,) of the stiffest inside [-].  place: (c, 3)."""
+    """Sets of nodes that interact.
+
+    node: (c lists).
+    modulus: (c,) of the stiffest inside [-].
+    place: (c, 3).
+    """
 
     node: Rows
     modulus: NDArray[np.float64]
@@ -45,9 +50,12 @@ class Cells(NamedTuple):
 class Coarsening(NamedTuple):
     """From a level of N nodes in c cells to the next one of N'.
 
-    parent: (N lists) ascending, none for a held node.  weight: of each parent, in the same order; a node's sum to 1.
-    child: (N' lists) ascending.  position: (N', 3).
-    cells: of the coarse level.  into: (c,) the coarse cell that holds each cell, −1 for none.
+    parent: (N lists) ascending, none for a held node.
+    weight: of each parent, in the same order; a node's sum to 1.
+    child: (N' lists) ascending.
+    position: (N', 3).
+    cells: of the coarse level.
+    into: (c,) the coarse cell that holds each cell, −1 for none.
     """
 
     parent: Rows
@@ -152,8 +160,8 @@ def _distinct(parent: Rows, place: Ints) -> tuple[Rows, NDArray[np.float64], Int
 
 
 @njit(cache=True, nogil=True)
-def _list_members(position, held, size, first, member):
-    """The nodes that depend on each coarse place p: member[first[p]:first[p + 1]], ascending."""
+def _list_members(position: Ints, held: NDArray[np.bool_], size: Ints, first: NDArray[np.int64], member: Ints) -> None:
+    """List the nodes that depend on each coarse place p: member[first[p]:first[p + 1]], ascending."""
     for filling in range(2):
         for node in range(len(position)):
             i = len(position) - 1 - node  # backwards, as lists are filled from their ends
@@ -175,7 +183,20 @@ def _list_members(position, held, size, first, member):
 
 
 @njit(cache=True, nogil=True)
-def _split_places(first, member, size, touch_start, touch, modulus, least, seen, root, filled, parent, place):
+def _split_places(
+    first: NDArray[np.int64],
+    member: Ints,
+    size: Ints,
+    touch_start: NDArray[np.int64],
+    touch: Ints,
+    modulus: NDArray[np.float64],
+    least: NDArray[np.float64],
+    seen: Ints,
+    root: Ints,
+    filled: NDArray[np.int64],
+    parent: Ints,
+    place: Ints,
+) -> int:
     """Give each connected part of each place's members a coarse node; return how many there are.
 
     least: (N,) the modulus from which on a cell connects a node.  seen: (c,) the last member that a cell has connected.
@@ -187,7 +208,7 @@ def _split_places(first, member, size, touch_start, touch, modulus, least, seen,
             root[t] = t
             i = member[t]
             for s in range(touch_start[i], touch_start[i + 1]):
-                e = touch[s]
+                e: int = touch[s]
                 if modulus[e] < least[i]:
                     continue
                 if seen[e] >= first[p]:
@@ -210,9 +231,22 @@ def _split_places(first, member, size, touch_start, touch, modulus, least, seen,
 
 @njit(cache=True, nogil=True)
 def _merge_cells(
-    order, new_place, place, start, node, modulus, parent_start, parent, into, count, begin, item, stiffest, places
-):
-    """The coarse cells: the sets of parents of the cells' nodes, equal ones of a place once."""
+    order: Ints,
+    new_place: NDArray[np.bool_],
+    place: Ints,
+    start: NDArray[np.int64],
+    node: Ints,
+    modulus: NDArray[np.float64],
+    parent_start: NDArray[np.int64],
+    parent: Ints,
+    into: Ints,
+    count: NDArray[np.int64],
+    begin: NDArray[np.int64],
+    item: Ints,
+    stiffest: NDArray[np.float64],
+    places: Ints,
+) -> None:
+    """Fill the coarse cells: the sets of parents of the cells' nodes, equal ones of a place once."""
     first, cells, total = 0, 0, 0
     for o in range(len(order)):
         e = order[o]

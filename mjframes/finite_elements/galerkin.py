@@ -20,7 +20,11 @@ from mjframes.finite_elements.mesh import Mesh
 
 
 class Blocks(NamedTuple):
-    """A sparse symmetric matrix of 3 × 3 blocks. column: of each row, ascending.  value: (b, 3, 3)."""
+    """A sparse symmetric matrix of 3 × 3 blocks.
+
+    column: of each row, ascending.
+    value: (b, 3, 3).
+    """
 
     column: Rows
     value: NDArray[np.floating]
@@ -78,9 +82,24 @@ def _octants(stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True)
 def _sum_bricks(
-    child_start, child, cell_start, cell_node, nodes, material, octant, stiffness, octants,
-    parent_start, parent, parent_weight, row_start, column, place, local, value,
-):  # fmt: skip
+    child_start: NDArray[np.int64],
+    child: NDArray[np.int32],
+    cell_start: NDArray[np.int64],
+    cell_node: NDArray[np.int32],
+    nodes: NDArray[np.int32],
+    material: NDArray[np.int32],
+    octant: NDArray[np.integer],
+    stiffness: NDArray[np.float64],
+    octants: NDArray[np.float64],
+    parent_start: NDArray[np.int64],
+    parent: NDArray[np.int32],
+    parent_weight: NDArray[np.float64],
+    row_start: NDArray[np.int64],
+    column: NDArray[np.int32],
+    place: NDArray[np.int32],
+    local: NDArray[np.float64],
+    value: NDArray[np.float64],
+) -> None:
     """place: (N',) of coarse nodes in their cell, and then of columns in their row.  local: a cell's own matrix."""
     for c in range(len(child_start) - 1):
         first = cell_start[c]

@@ -9,6 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating]
+Ints = NDArray[np.int32]
+Lanes = tuple[int, ...]
 
 OPTIONS = {"cache": True, "nogil": True, "fastmath": {"arcp", "contract", "nsz", "reassoc"}}
 
@@ -17,8 +22,19 @@ SCRATCH = 24 + COEFFICIENTS  # [rows of k] for the displacements or forces of a 
 
 
 @njit(**OPTIONS)
-def subtract_bricks(d, r, corner, material, coefficients, brick_planes, node_planes, scratch, lanes, smoothing):
-    """r ← r − A d, then as `step`, with (x, inverse, keep, gain) in `smoothing`, or nothing more where that is None.
+def subtract_bricks(
+    d: Floats,
+    r: Floats,
+    corner: Ints,
+    material: Ints,
+    coefficients: Floats,
+    brick_planes: NDArray[np.int64],
+    node_planes: NDArray[np.int64],
+    scratch: Floats,
+    lanes: Lanes,
+    smoothing: tuple[Floats, Floats, np.floating, np.floating] | None,
+) -> None:
+    """Compute r ← r − A d, then as `step`, with (x, inverse, keep, gain) in `smoothing`, or nothing if that is None.
 
     Plane after plane, as what lies behind a plane is not needed any more.
     corner, material, brick_planes, node_planes: see `Mesh`.  coefficients: (m, 33) of each material's brick.
@@ -45,7 +61,18 @@ def subtract_bricks(d, r, corner, material, coefficients, brick_planes, node_pla
 
 
 @njit(**OPTIONS)
-def _add_bricks(x, corner, material, coefficients, bricks, planes, s, here, beyond, lanes):
+def _add_bricks(
+    x: Floats,
+    corner: Ints,
+    material: Ints,
+    coefficients: Floats,
+    bricks: tuple[int, int],
+    planes: tuple[int, int],
+    s: Floats,
+    here: Floats,
+    beyond: Floats,
+    lanes: Lanes,
+) -> None:
     """Add A x of a layer of bricks, from the first to before the last, to the forces at the planes of nodes around it.
 
     planes: the first node of each.
@@ -102,8 +129,8 @@ def _add_bricks(x, corner, material, coefficients, bricks, planes, s, here, beyo
 
 
 @njit(**OPTIONS)
-def _modes(s, at, stride):
-    """The modes of one component from its values at the eight corners."""
+def _modes(s: Floats, at: int, stride: int) -> tuple[float, ...]:
+    """Return the modes of one component from its values at the eight corners."""
     a, b, c, d = s[at], s[at + stride], s[at + 2 * stride], s[at + 3 * stride]
     e, f, g, h = s[at + 4 * stride], s[at + 5 * stride], s[at + 6 * stride], s[at + 7 * stride]
     a, b, c, d, e, f, g, h = a + b, a - b, c + d, c - d, e + f, e - f, g + h, g - h
@@ -112,7 +139,9 @@ def _modes(s, at, stride):
 
 
 @njit(**OPTIONS)
-def _corners(s, at, stride, b, c, d, e, f, g, h):
+def _corners(
+    s: Floats, at: int, stride: int, b: float, c: float, d: float, e: float, f: float, g: float, h: float
+) -> None:
     """One component of the forces at the eight corners from those of the modes 1 to 7: a translation has none."""
     a, b, c, d, e, f, g, h = b, -b, c + d, c - d, e + f, e - f, g + h, g - h
     a, b, c, d, e, f, g, h = a + c, b + d, a - c, b - d, e + g, f + h, e - g, f - h
@@ -121,8 +150,8 @@ def _corners(s, at, stride, b, c, d, e, f, g, h):
 
 
 @njit(**OPTIONS)
-def subtract_blocks(x, r, start, column, value, lanes):
-    """r ← r − A x for 3 × 3 blocks: value (b, 9), those of row i from start[i] on."""
+def subtract_blocks(x: Floats, r: Floats, start: NDArray[np.int64], column: Ints, value: Floats, lanes: Lanes) -> None:
+    """Compute r ← r − A x for 3 × 3 blocks: value (b, 9), those of row i from start[i] on."""
     k = len(lanes)
     for i in range(len(start) - 1):
         rs = r[i * 3 * k : (i + 1) * 3 * k]
@@ -140,8 +169,18 @@ def subtract_blocks(x, r, start, column, value, lanes):
 
 
 @njit(**OPTIONS)
-def step(d, r, x, inverse, keep, gain, begin, end, lanes):
-    """d ← keep d + gain D⁻¹ r,  x ← x + d at the nodes from `begin` to before `end`; inverse: (N, 3) of D."""
+def step(
+    d: Floats,
+    r: Floats,
+    x: Floats,
+    inverse: Floats,
+    keep: np.floating,
+    gain: np.floating,
+    begin: int,
+    end: int,
+    lanes: Lanes,
+) -> None:
+    """Compute d ← keep d + gain D⁻¹ r,  x ← x + d at the nodes from `begin` to before `end`; inverse: (N, 3) of D."""
     k = len(lanes)
     for i in range(begin, end):
         g0, g1, g2 = gain * inverse[i, 0], gain * inverse[i, 1], gain * inverse[i, 2]
@@ -157,8 +196,8 @@ def step(d, r, x, inverse, keep, gain, begin, end, lanes):
 
 
 @njit(**OPTIONS)
-def restrict(start, parent, weight, r, coarse, lanes):
-    """coarse ← Pᵀ r. parent, weight: those of node i from start[i] on."""
+def restrict(start: NDArray[np.int64], parent: Ints, weight: Floats, r: Floats, coarse: Floats, lanes: Lanes) -> None:
+    """Compute coarse ← Pᵀ r. parent, weight: those of node i from start[i] on."""
     k = len(lanes)
     coarse[:] = 0
     for i in range(len(start) - 1):
@@ -171,8 +210,10 @@ def restrict(start, parent, weight, r, coarse, lanes):
 
 
 @njit(**OPTIONS)
-def prolong(start, parent, weight, coarse, d, x, lanes):
-    """d ← P coarse,  x ← x + d."""
+def prolong(
+    start: NDArray[np.int64], parent: Ints, weight: Floats, coarse: Floats, d: Floats, x: Floats, lanes: Lanes
+) -> None:
+    """Compute d ← P coarse,  x ← x + d."""
     k = len(lanes)
     for i in range(len(start) - 1):
         ds, xs = d[i * 3 * k : (i + 1) * 3 * k], x[i * 3 * k : (i + 1) * 3 * k]
@@ -187,8 +228,8 @@ def prolong(start, parent, weight, coarse, d, x, lanes):
 
 
 @njit(**OPTIONS)
-def products(a, b, total, lanes):
-    """total (k,) ← a · b of each column, summed in double precision."""
+def products(a: Floats, b: Floats, total: NDArray[np.float64], lanes: Lanes) -> None:
+    """Compute total (k,) ← a · b of each column, summed in double precision."""
     k = len(lanes)
     total[:] = 0
     for i in range(len(a) // k):
@@ -198,8 +239,8 @@ def products(a, b, total, lanes):
 
 
 @njit(**OPTIONS)
-def advance(alpha, p, q, x, r, copy, lanes):
-    """x ← x + α p,  r ← r + α q,  copy ← r, with an α of each column (k,)."""
+def advance(alpha: Floats, p: Floats, q: Floats, x: Floats, r: Floats, copy: Floats, lanes: Lanes) -> None:
+    """Compute x ← x + α p,  r ← r + α q,  copy ← r, with an α of each column (k,)."""
     k = len(lanes)
     for i in range(len(x) // k):
         ps, qs, xs = p[i * k : (i + 1) * k], q[i * k : (i + 1) * k], x[i * k : (i + 1) * k]
@@ -211,8 +252,8 @@ def advance(alpha, p, q, x, r, copy, lanes):
 
 
 @njit(**OPTIONS)
-def turn(beta, z, p, lanes):
-    """p ← z + β p, with a β of each column (k,)."""
+def turn(beta: Floats, z: Floats, p: Floats, lanes: Lanes) -> None:
+    """Compute p ← z + β p, with a β of each column (k,)."""
     k = len(lanes)
     for i in range(len(p) // k):
         zs, ps = z[i * k : (i + 1) * k], p[i * k : (i + 1) * k]
@@ -221,8 +262,10 @@ def turn(beta, z, p, lanes):
 
 
 @njit(**OPTIONS)
-def combine(start, column, value, source, target):
-    """target (r, l) ← M source for a sparse M (r, c) and a dense source (c, l)."""
+def combine(
+    start: NDArray[np.integer], column: NDArray[np.integer], value: NDArray, source: Floats, target: Floats
+) -> None:
+    """Compute target (r, l) ← M source for a sparse M (r, c) and a dense source (c, l)."""
     for i in range(len(start) - 1):
         to = target[i]
         to[:] = 0
@@ -233,8 +276,10 @@ def combine(start, column, value, source, target):
 
 
 @njit(**OPTIONS)
-def measure(start, column, value, source, target):
-    """target (c, l) ← Mᵀ source for a sparse M (r, c) and a dense source (r, l)."""
+def measure(
+    start: NDArray[np.integer], column: NDArray[np.integer], value: NDArray, source: Floats, target: Floats
+) -> None:
+    """Compute target (c, l) ← Mᵀ source for a sparse M (r, c) and a dense source (r, l)."""
     target[:] = 0
     for i in range(len(start) - 1):
         xs = source[i]

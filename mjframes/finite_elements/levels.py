@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 class Level:
     """A level of N nodes above a coarser one.
 
-    inverse: (N, 3) of the matrix's diagonal D, 0 at held nodes.  bound: of the eigenvalues of D⁻¹A.
+    inverse: (N, 3) of the matrix's diagonal D, 0 at held nodes.
+    bound: of the eigenvalues of D⁻¹A.
     parent, weight: (N lists) of coarse nodes, and the part of each of them in a node's displacement.
     """
 
@@ -51,9 +52,11 @@ class Level:
 class Levels:
     """All levels, the finest first. Stiffness is in units of `unit` [N/m].
 
-    finest: its matrix.  above: the levels but for the last.  last: (3N', 3N') the inverse matrix of the last, blind to
-    rigid motions of a free body.  dtype: float32, or float64 where that would not do.  columns: k, how many to solve
-    for at once.
+    finest: its matrix.
+    above: the levels but for the last.
+    last: (3N', 3N') the inverse matrix of the last, blind to rigid motions of a free body.
+    dtype: float32, or float64 where that would not do.
+    columns: k, how many to solve for at once.
     """
 
     finest: Bricks
@@ -65,12 +68,12 @@ class Levels:
 
     @property
     def nodes(self) -> int:
-        """N of the finest level."""
+        """Return N of the finest level."""
         return int(self.finest.node_planes[-1])
 
     @property
     def memory(self) -> int:
-        """[bytes] of the vectors of a batch."""
+        """Return the size of the vectors of a batch [bytes]."""
         return _memory(self.nodes, self.dtype) * self.columns
 
 

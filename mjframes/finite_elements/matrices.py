@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.finite_elements import kernels
+from mjframes.finite_elements.kernels import Floats, Lanes
 
-Floats = NDArray[np.floating]
 Real = np.floating
-Lanes = tuple[int, ...]
 
 
 class Bricks(NamedTuple):
@@ -29,13 +28,13 @@ class Bricks(NamedTuple):
         return np.zeros(rows * k, self.coefficients.dtype)
 
     def subtract(self, x: Floats, r: Floats, scratch: Floats, lanes: Lanes) -> None:
-        """r ← r − A x."""
+        """Compute r ← r − A x."""
         kernels.subtract_bricks(x, r, *self, scratch, lanes, None)
 
     def smooth(
         self, d: Floats, r: Floats, x: Floats, inverse: Floats, keep: Real, gain: Real, scratch: Floats, lanes: Lanes
     ) -> None:
-        """r ← r − A d,  d ← keep d + gain D⁻¹ r,  x ← x + d; inverse: (N, 3) of D."""
+        """Compute r ← r − A d,  d ← keep d + gain D⁻¹ r,  x ← x + d; inverse: (N, 3) of D."""
         kernels.subtract_bricks(d, r, *self, scratch, lanes, (x, inverse, keep, gain))
 
 

@@ -35,8 +35,11 @@ class Mesh:
     """e bricks with N nodes.
 
     corner: (e, 4) the first nodes of each brick's runs along z, at (x, y) = (0, 0), (0, 1), (1, 0), (1, 1).
-    material: (e,) its row of the grid's table.  voxel: (e,) −1 for a bridge.  place: (e, 3) [voxels] index of the cell.
-    position: (N, 3) [voxels].  held_by: (N,) the piece that holds each node, −1 for none.
+    material: (e,) its row of the grid's table.
+    voxel: (e,) −1 for a bridge.
+    place: (e, 3) [voxels] index of the cell.
+    position: (N, 3) [voxels].
+    held_by: (N,) the piece that holds each node, −1 for none.
     brick_planes: (p + 1,), node_planes: (p + 2,) where the bricks and the nodes of each plane along x begin.
     """
 
@@ -51,7 +54,7 @@ class Mesh:
 
     @property
     def nodes(self) -> Ints:
-        """(e, 8) of each brick, by corner 4x + 2y + z."""
+        """Return the nodes (e, 8) of each brick, by corner 4x + 2y + z."""
         return np.stack([self.corner, self.corner + 1], axis=2).reshape(-1, 8)
 
 

@@ -30,7 +30,9 @@ class Motions:
 
     Column 6i + d moves piece i while the others rest, by 1 m along axis d, or for d > 2 by 1 / scale [rad] about the
     axis d − 3 through its center, linearly.
-    center: (max(h, 1), 3) [m] means of the voxels' centres, turned to the index axes.  scale: [m] the body's size.
+
+    center: (max(h, 1), 3) [m] means of the voxels' centres, turned to the index axes.
+    scale: [m] the body's size.
     energy: (6h, 6h) uᵀAu of each two columns, positive semidefinite, 0 for motions of all pieces as one rigid body.
     moved: (r, 3, 6h) float32, displacement of the voxels' centres, or its mean over each block of voxels.
     moments: (3m, 6h) BᵀU, the sums of the nodes' displacements, in rows as those of `Response.compliance`.

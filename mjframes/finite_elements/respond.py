@@ -49,6 +49,7 @@ class Response:
 
     compliance: (3m, 3m) S [m/N], symmetric positive semidefinite.
     moved: (r, 3, 3m) float32 [m/N], displacement of the voxels' centres, or its mean over each block of voxels.
+
     Column 3b + d is the force functions[:, b] [N] along axis d. Of a free body only combinations of columns that
     balance have a meaning; their displacements have no mean translation and no mean rotation of the nodes.
     """

@@ -21,9 +21,9 @@ from mjframes.volume.grid import Grid
 class BodySolver:
     """A body of n voxels, ready to be loaded.
 
-    held: the voxels of each piece that moves rigidly.  node: (n, 8) of the voxels' corners, in the order of
-    `element.CORNERS`, −1 for a held voxel.  centre: (n, N) sparse C, the displacement of a voxel's centre as the mean
-    of its corners'; 0 for a held voxel.
+    held: the voxels of each piece that moves rigidly.
+    node: (n, 8) of the voxels' corners, in the order of `element.CORNERS`, −1 for a held voxel.
+    centre: (n, N) sparse C, the displacement of a voxel's centre as the mean of its corners'; 0 for a held voxel.
     """
 
     grid: Grid
@@ -35,7 +35,7 @@ class BodySolver:
 
     @cached_property
     def rigid(self) -> Floats:
-        """(3N, 6) orthonormal: the rigid motions of the nodes."""
+        """Return the rigid motions of the nodes, (3N, 6) orthonormal."""
         return motion_basis(self.mesh.position * self.grid.spacing).astype(self.levels.dtype)
 
     def remove_rigid(self, x: Floats) -> None:

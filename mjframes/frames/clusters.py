@@ -20,7 +20,10 @@ from mjframes.volume.grid import Grid, root_of
 class ClusterGraph(NamedTuple):
     """c clusters of n voxels.
 
-    cluster: (n,) int32 of each voxel.  size: (c,) [voxels].  middle: (c, 3) mean voxel index.  compliance: (c,) [1/Pa].
+    cluster: (n,) int32 of each voxel.
+    size: (c,) [voxels].
+    middle: (c, 3) mean voxel index.
+    compliance: (c,) [1/Pa].
     start: (c + 1,), neighbour, cost: the edges of cluster a are start[a]:start[a + 1], in [m/Pa].
     """
 
@@ -34,7 +37,7 @@ class ClusterGraph(NamedTuple):
 
 
 def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
-    """The graph of clusters in blocks of `block`³ cells, 1 for one cluster a voxel."""
+    """Return the graph of clusters in blocks of `block`³ cells, 1 for one cluster a voxel."""
     n = len(grid.index)
     cluster = np.arange(n, dtype=np.int32)
     count = _join(grid.index, grid.padded, grid.material, block, cluster) if block > 1 else n
@@ -48,8 +51,10 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
 
 
 @njit(cache=True, nogil=True)
-def improve(graph, sources, distance, label):
-    """Dijkstra's algorithm in place, from `sources` whose distance and label are new; ties go to the smaller label."""
+def improve(
+    graph: ClusterGraph, sources: NDArray[np.integer], distance: NDArray[np.float64], label: NDArray[np.int32]
+) -> None:
+    """Run Dijkstra's algorithm in place, from `sources` of new distance and label; ties go to the smaller label."""
     heap = np.empty(len(distance), np.int32)
     place = np.full(len(distance), -1, np.int32)  # where a cluster is in the heap; −1: not in it
     size = 0
@@ -59,13 +64,13 @@ def improve(graph, sources, distance, label):
             size += 1
         _raise(heap, place, place[u], u, distance, label)
     while size > 0:
-        u = heap[0]
+        u: int = heap[0]
         size -= 1
         place[u] = -1
         if size > 0:
             _lower(heap, size, place, heap[size], distance, label)
         for e in range(graph.start[u], graph.start[u + 1]):
-            v = graph.neighbour[e]
+            v: int = graph.neighbour[e]
             d = distance[u] + graph.cost[e]
             if d < distance[v] or (d == distance[v] and label[u] < label[v]):
                 distance[v], label[v] = d, label[u]
@@ -76,12 +81,19 @@ def improve(graph, sources, distance, label):
 
 
 @njit(cache=True, nogil=True)
-def _before(u, v, distance, label):
+def _before(u: int, v: int, distance: NDArray[np.float64], label: NDArray[np.int32]) -> bool:
     return distance[u] < distance[v] or (distance[u] == distance[v] and label[u] < label[v])
 
 
 @njit(cache=True, nogil=True)
-def _raise(heap, place, hole, v, distance, label):
+def _raise(
+    heap: NDArray[np.int32],
+    place: NDArray[np.int32],
+    hole: int,
+    v: int,
+    distance: NDArray[np.float64],
+    label: NDArray[np.int32],
+) -> None:
     """Put cluster v into the hole of a 4-ary heap and lift it to its place."""
     while hole > 0:
         parent = (hole - 1) >> 2
@@ -95,7 +107,14 @@ def _raise(heap, place, hole, v, distance, label):
 
 
 @njit(cache=True, nogil=True)
-def _lower(heap, size, place, v, distance, label):
+def _lower(
+    heap: NDArray[np.int32],
+    size: int,
+    place: NDArray[np.int32],
+    v: int,
+    distance: NDArray[np.float64],
+    label: NDArray[np.int32],
+) -> None:
     """Put cluster v into the hole at the top of a 4-ary heap of `size` entries and let it sink to its place."""
     hole = 0
     while True:
@@ -116,8 +135,14 @@ def _lower(heap, size, place, v, distance, label):
 
 
 @njit(cache=True, nogil=True)
-def _join(index, padded, material, block, cluster):
-    """The number of clusters; each voxel's, in the order of their first voxels."""
+def _join(
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    block: int,
+    cluster: NDArray[np.int32],
+) -> int:
+    """Return the number of clusters; each voxel's, in the order of their first voxels."""
     for v in range(len(cluster)):
         a, b, c = index[v, 0], index[v, 1], index[v, 2]
         low_a, low_b, low_c = a // block * block, b // block * block, c // block * block
@@ -144,7 +169,15 @@ def _join(index, padded, material, block, cluster):
 
 
 @njit(cache=True, nogil=True)
-def _sum_up(index, material_of, cluster, size, mean, material):
+def _sum_up(
+    index: NDArray[np.int32],
+    material_of: NDArray[np.unsignedinteger],
+    cluster: NDArray[np.int32],
+    size: NDArray[np.int64],
+    mean: NDArray[np.float64],
+    material: NDArray[np.int64],
+) -> None:
+    """Fill size (c,), mean index (c, 3) and material (c,) of each cluster."""
     for v in range(len(cluster)):
         a = cluster[v]
         size[a] += 1
@@ -156,8 +189,10 @@ def _sum_up(index, material_of, cluster, size, mean, material):
 
 
 @njit(cache=True, nogil=True)
-def _pairs(index, padded, cluster):
-    """The pairs of different clusters with adjacent voxels, each once, from a hash set."""
+def _pairs(
+    index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of different clusters with adjacent voxels, each once, from a hash set."""
     slots = 1 << 12
     key = np.full(slots, -1, np.int64)
     count = 0
@@ -195,14 +230,16 @@ def _pairs(index, padded, cluster):
 
 
 @njit(cache=True, nogil=True)
-def _hash(pair, slots):
+def _hash(pair: np.int64, slots: int) -> np.int64:
     mixed = (pair ^ (pair >> 29)) * np.int64(0x1E3779B97F4A7C15)
     return (mixed >> 20) & (slots - 1)
 
 
 @njit(cache=True, nogil=True)
-def _rows(count, first, second, cost):
-    """Both directions of each edge, by cluster."""
+def _rows(
+    count: int, first: NDArray[np.int64], second: NDArray[np.int64], cost: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
+    """Return both directions of each edge, by cluster."""
     start = np.zeros(count + 1, np.int64)
     for e in range(len(first)):
         start[first[e] + 1] += 1

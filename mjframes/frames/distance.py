@@ -31,12 +31,17 @@ BUCKET_MARGIN = 1e-6  # [-] by which a bucket is narrower than the cheapest edge
 class VoxelGraph(NamedTuple):
     """The 26-neighbour graph of n voxels; a border of outside cells makes bounds checks needless.
 
-    lookup: (c,) int32, the padded image of nodes, −1 outside.  cell: (n,) the voxel's place in it.
+    lookup: (c,) int32, the padded image of nodes, −1 outside.
+    cell: (n,) the voxel's place in it.
     node: (n,) int32 the voxel that stands for each: the first of its rigid piece, else itself.
-    offset: (26,) int64, from a cell to its neighbours.  material: (n,) unsigned.
+    offset: (26,) int64, from a cell to its neighbours.
+    material: (n,) unsigned.
     cost: (m, 26, m) [m/Pa] of an edge by the material it leaves, its direction and the material it enters.
-    piece: (n,) int32, −1 where soft.  shell: the cells of the pieces next to soft ones, from start[piece] on.
-    width: of a bucket [m/Pa].  slots: how many make the ring, a power of two.  ordered: if edges may be narrower.
+    piece: (n,) int32, −1 where soft.
+    shell: the cells of the pieces next to soft ones, from start[piece] on.
+    width: of a bucket [m/Pa].
+    slots: how many make the ring, a power of two.
+    ordered: if edges may be narrower.
     """
 
     lookup: NDArray[np.int32]
@@ -55,22 +60,26 @@ class VoxelGraph(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """The nearest source of every voxel. distance: (n,) [m/Pa], inf where none is.  label: (n,) int32, −1 there."""
+    """The nearest source of every voxel.
+
+    distance: (n,) [m/Pa], inf where none is.
+    label: (n,) int32, −1 there.
+    """
 
     distance: NDArray[np.float64]
     label: NDArray[np.int32]
 
 
 def edge_costs(lengths: ArrayLike, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
-    """Costs [m/Pa] of edges from their lengths [m] and the compliances [1/Pa] of their ends, in the 24 bits that make
-    sums exact.
+    """Return costs [m/Pa] of edges from their lengths [m] and the compliances [1/Pa] of their ends, in the 24 bits that
+    make sums exact.
     """
     exact = np.asarray(lengths) * 0.5 * (np.asarray(first) + np.asarray(second))
     return exact.astype(np.float32).astype(np.float64)
 
 
 def voxel_graph(grid: Grid) -> VoxelGraph:
-    """The graph whose shortest paths are compliance distances."""
+    """Return the graph whose shortest paths are compliance distances."""
     shape = grid.padded.shape
     strides = np.array([shape[1] * shape[2], shape[2], 1], np.int64)
     steps = np.argwhere(np.ones((3, 3, 3))) - 1
@@ -103,7 +112,7 @@ def voxel_graph(grid: Grid) -> VoxelGraph:
 
 
 def nearest_sources(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0, cost: ArrayLike = 0.0) -> Reached:
-    """The nearest of several sources at every *node*; its label makes the Voronoi cells.
+    """Return the nearest of several sources at every *node*; its label makes the Voronoi cells.
 
     sources: (s,) voxel numbers.  label, cost: one for all or (s,) each: what the source is called, and the distance it
     starts with [m/Pa].  At equal distance the smaller label wins.
@@ -121,14 +130,23 @@ def nearest_sources(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0,
 
 
 def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0, cost: ArrayLike = 0.0) -> Reached:
-    """The same at every voxel."""
+    """Return what `nearest_sources` does, but at every voxel."""
     found = nearest_sources(graph, sources, label, cost)
     return Reached(found.distance[graph.node], found.label[graph.node]) if len(graph.start) > 1 else found
 
 
 @njit(cache=True, nogil=True)
-def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -> int:
-    """Dijkstra's algorithm from the first `count` nodes of `visited`, which have a distance; how many it visited.
+def sweep(
+    graph: VoxelGraph,
+    zone: NDArray[np.int32] | None,
+    bound: NDArray[np.float64] | None,
+    cut: bool,
+    distance: NDArray[np.float64],
+    rank: NDArray[np.int32] | NDArray[np.float64],
+    visited: NDArray[np.int32],
+    count: int,
+) -> int:
+    """Run Dijkstra's algorithm from the `count` first of `visited`, which have a distance; return how many it visited.
 
     distance: (n,) inf where unvisited.  rank: (n,) carried from the source; at equal distance the smaller wins.
     visited: (n,) int32, gets the nodes visited.
@@ -242,7 +260,15 @@ def sweep(graph: VoxelGraph, zone, bound, cut, distance, rank, visited, count) -
 
 
 @njit(cache=True, nogil=True)
-def offer(v, d, r, distance, rank, visited, count):
+def offer(
+    v: Any,
+    d: Any,
+    r: float,
+    distance: NDArray[np.float64],
+    rank: NDArray[np.int32] | NDArray[np.float64],
+    visited: NDArray[np.int32],
+    count: int,
+) -> int:
     """Make v a source at distance d unless it has a better offer; the count of sources after that."""
     old = distance[v]
     if d < old or (d == old and r < rank[v]):
@@ -255,7 +281,14 @@ def offer(v, d, r, distance, rank, visited, count):
 
 
 @njit(cache=True, nogil=True)
-def _offer_all(ids, costs, labels, distance, rank, visited):
+def _offer_all(
+    ids: NDArray[np.int32],
+    costs: NDArray[np.float64],
+    labels: NDArray[np.int32],
+    distance: NDArray[np.float64],
+    rank: NDArray[np.int32],
+    visited: NDArray[np.int32],
+) -> int:
     count = 0
     for s in range(len(ids)):
         count = offer(ids[s], costs[s], labels[s], distance, rank, visited, count)
@@ -270,14 +303,18 @@ def _more(array: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _room(key, item, size):
+def _room(
+    key: NDArray[np.float64], item: NDArray[np.int32], size: int
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return the heap's arrays with room for one entry more."""
     if size < len(key):
         return key, item
     return _more(key), _more(item)
 
 
 @njit(cache=True, nogil=True)
-def _heap_push(key, item, size, d, v):
+def _heap_push(key: NDArray[np.float64], item: NDArray[np.int32], size: int, d: float, v: Any) -> int:
+    """Put node v at distance d into a binary heap of `size` entries; return how many there are."""
     hole = size
     while hole > 0 and d < key[(hole - 1) >> 1]:
         key[hole], item[hole] = key[(hole - 1) >> 1], item[(hole - 1) >> 1]
@@ -287,7 +324,8 @@ def _heap_push(key, item, size, d, v):
 
 
 @njit(cache=True, nogil=True)
-def _heap_pop(key, item, size):
+def _heap_pop(key: NDArray[np.float64], item: NDArray[np.int32], size: int) -> int:
+    """Take the nearest node out of a binary heap of `size` entries; return how many are left."""
     size -= 1
     d, v = key[size], item[size]
     hole = 0
@@ -306,15 +344,18 @@ def _heap_pop(key, item, size):
 
 
 @njit(cache=True, nogil=True)
-def _cells(index, strides, cell):
+def _cells(index: NDArray[np.int32], strides: NDArray[np.int64], cell: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Fill the place (n,) of each voxel in the padded image."""
     for v in range(len(index)):
         cell[v] = (index[v, 0] + 1) * strides[0] + (index[v, 1] + 1) * strides[1] + index[v, 2] + 1
     return cell
 
 
 @njit(cache=True, nogil=True)
-def _collapse(voxels, cell, offset, piece) -> tuple[Any, Any, Any, Any]:
-    """The image of nodes, the node of each voxel, and the shells of the pieces."""
+def _collapse(
+    voxels: NDArray[np.int32], cell: NDArray[np.integer], offset: NDArray[np.int64], piece: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.integer]]:
+    """Return the image of nodes, the node of each voxel, and the shells of the pieces."""
     lookup = voxels.copy()
     node = np.arange(len(cell)).astype(np.int32)
     count = piece.max() + 1

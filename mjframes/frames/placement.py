@@ -32,7 +32,11 @@ Nearest = tuple[NDArray[np.float64], NDArray[np.int32]]  # distance to the neare
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """f frames. seeds: the voxels of each frame's core, where its weight is 1.  centers: (f, 3) their centroids [m]."""
+    """f frames.
+
+    seeds: the voxels of each frame's core, where its weight is 1.
+    centers: (f, 3) their centroids [m].
+    """
 
     centers: NDArray[np.float64]
     seeds: tuple[NDArray[np.integer], ...]
@@ -51,7 +55,7 @@ def place_frames(
     seed: of the voxel from which the first frame is the farthest, where neither a core nor a rigid piece takes it.
     cores: voxel numbers of pieces that have a frame each; these come first, in this order. A core that touches a rigid
     piece takes all of it.
-    Raises MjframesError if the volume has no room for them, if a position is off the volume or taken, or if cores are
+    Raise MjframesError if the volume has no room for them, if a position is off the volume or taken, or if cores are
     empty or overlap.
     """
     seeds = _given_cores(grid, cores)
@@ -192,7 +196,14 @@ def _lloyd(
 
 
 @njit(cache=True, nogil=True)
-def _centers(index, spacing, measure, label, fixed, free):
+def _centers(
+    index: NDArray[np.integer] | NDArray[np.float64],
+    spacing: NDArray[np.float64],
+    measure: NDArray[np.float64],
+    label: NDArray[np.int32],
+    fixed: int,
+    free: int,
+) -> NDArray[np.int64]:
     """(free,) of each cell whose label is `fixed` or more: what is nearest to its centroid under the measure."""
     mean, total = np.zeros((free, 3)), np.zeros(free)
     for v in range(len(measure)):
@@ -216,7 +227,8 @@ def _centers(index, spacing, measure, label, fixed, free):
 
 
 @njit(cache=True, nogil=True)
-def _spread(measure, distance):
+def _spread(measure: NDArray[np.float64], distance: NDArray[np.float64]) -> float:
+    """Return Σ_v c_v d_v² over what is not rigid."""
     total = 0.0
     for v in range(len(measure)):
         if measure[v] > 0:
@@ -225,8 +237,8 @@ def _spread(measure, distance):
 
 
 @njit(cache=True, nogil=True)
-def _occupied(index, shape, block):
-    """How many blocks have a voxel."""
+def _occupied(index: NDArray[np.int32], shape: NDArray[np.int64], block: int) -> np.intp:
+    """Return how many blocks have a voxel."""
     blocks = (shape + block - 1) // block
     seen = np.zeros((blocks[0], blocks[1], blocks[2]), np.bool_)
     for v in range(len(index)):

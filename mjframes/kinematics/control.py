@@ -44,9 +44,15 @@ MIXING = {1: np.eye(1), 4: TETRAHEDRON, 10: TEN_POINTS}
 class ControlPoints:
     """k control points, those of a frame one after the other, in the order of the frames.
 
-    frame: (k,) the frame of each.  rest: (k, 3) x̄_j [m].  mass: (k,) [kg].
+    frame: (k,) the frame of each.
+    rest: (k, 3) x̄_j [m].
+    mass: (k,) [kg].
+
     φ_j(p) = basis[j] · monomials of y = axesᵀ (p − center[j]) / scale[j], p in volume coordinates [m]:
-    basis: (k, 10) in the order of POWERS.  center: (k, 3) [m].  scale: (k,) [m].  axes: (3, 3).
+    basis: (k, 10) in the order of POWERS.
+    center: (k, 3) [m].
+    scale: (k,) [m].
+    axes: (3, 3).
     """
 
     frame: NDArray[np.int64]
@@ -59,7 +65,7 @@ class ControlPoints:
 
 
 def frame_types(frame_type: str | Sequence[str], frames: int) -> tuple[str, ...]:
-    """One type for each of `frames` frames. Raises MjframesError for unknown types and a wrong number of them."""
+    """Return a type for each of `frames` frames. Raise MjframesError for unknown types and a wrong number of them."""
     types = (frame_type,) * frames if isinstance(frame_type, str) else tuple(frame_type)
     if unknown := [name for name in types if name not in POINTS]:
         raise MjframesError(f"frame_type has {unknown[0]!r}; the types are {', '.join(map(repr, POINTS))}.")
@@ -69,7 +75,7 @@ def frame_types(frame_type: str | Sequence[str], frames: int) -> tuple[str, ...]
 
 
 def control_points(grid: Grid, weights: sparse.csr_array, types: Sequence[str] | None = None) -> ControlPoints:
-    """The control points of the f frames of weights (n, f), all affine unless `types` (f,) says otherwise."""
+    """Return the control points of the f frames of weights (n, f), all affine unless `types` (f,) says otherwise."""
     types = types or ("affine",) * frame_count(weights)
     sizes = [POINTS[name] for name in types]
     moments = frame_moments(grid, weights, [4 if d == 10 else 2 for d in sizes])
@@ -95,14 +101,14 @@ def _frame(grid: Grid, moments: FrameMoments, i: int, d: int) -> tuple[NDArray[n
 
 
 def monomials(control: ControlPoints, j: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Monomials (s, 10) of control points j (s,) at points (s, 3) [m]."""
+    """Return the monomials (s, 10) of control points j (s,) at points (s, 3) [m]."""
     y = (points - control.center[j]) @ control.axes / control.scale[j, None]
     x, y, z = y.T
     return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=-1)
 
 
 def points_of(control: ControlPoints, frames: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The control points (m,) of `frames`, frame by frame, and for each the place of its frame in `frames` (m,)."""
+    """Return the control points (m,) of `frames`, frame by frame, and the place of each one's frame there (m,)."""
     place, point = np.nonzero(control.frame == frames[:, None])
     return point, place
 
@@ -110,7 +116,7 @@ def points_of(control: ControlPoints, frames: NDArray[np.int64]) -> tuple[NDArra
 def control_functions(
     control: ControlPoints, chosen: NDArray[np.int64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """φ_j (s, j) of the control points `chosen` (j,) at points (s, 3) in volume coordinates [m]."""
+    """Return φ_j (s, j) of the control points `chosen` (j,) at points (s, 3) in volume coordinates [m]."""
     phi = np.empty((len(points), len(chosen)))
     for members in _by_frame(control, chosen):
         some = monomials(control, np.full(len(points), chosen[members[0]]), points)
@@ -121,7 +127,7 @@ def control_functions(
 def control_function_gradients(
     control: ControlPoints, chosen: NDArray[np.int64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """∇φ_j (s, j, 3) [1/m], in volume coordinates, of the control points `chosen` (j,) at points (s, 3) [m]."""
+    """Return ∇φ_j (s, j, 3) [1/m], in volume coordinates, of control points `chosen` (j,) at points (s, 3) [m]."""
     gradient = np.empty((len(points), len(chosen), 3))
     for members in _by_frame(control, chosen):
         j = chosen[members]
@@ -145,7 +151,7 @@ def control_function_gradients(
 def control_weights(
     weights_rows: sparse.csr_array, control: ControlPoints, points: NDArray[np.float64]
 ) -> sparse.csr_array:
-    """W_j (s, k) at points (s, 3) [m] from the frame weights (s, f) there; rows sum to 1."""
+    """Return W_j (s, k) at points (s, 3) [m] from the frame weights (s, f) there; rows sum to 1."""
     first = np.searchsorted(control.frame, np.arange(frame_count(weights_rows) + 1))
     number = np.append(0, np.cumsum(np.diff(first)[weights_rows.indices]))[weights_rows.indptr]
     column, value = np.empty(number[-1], np.int32), np.empty(number[-1])
@@ -155,7 +161,19 @@ def control_weights(
 
 
 @njit(cache=True, nogil=True)
-def _multiply(start, frame, weight, first, basis, center, scale, axes, points, column, value):
+def _multiply(
+    start: NDArray[np.integer],
+    frame: NDArray[np.integer],
+    weight: NDArray,
+    first: NDArray[np.int64],
+    basis: NDArray[np.float64],
+    center: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    points: NDArray[np.float64],
+    column: NDArray[np.int32],
+    value: NDArray[np.float64],
+) -> None:
     """Fill w_i φ_j, row by row; first: (f + 1,) control point of each frame, which share center and scale."""
     at = 0
     monomial = np.ones(10)

@@ -27,7 +27,11 @@ SHARE = 1 << 17  # [voxels] that one thread sums up at a time
 
 @dataclass(frozen=True, eq=False)
 class FrameMoments:
-    """mass: (f,) [kg].  center: (f, 3) c, volume coordinates [m].  scale: (f,) s [m].
+    """The moments of f frames.
+
+    mass: (f,) [kg].
+    center: (f, 3) c, volume coordinates [m].
+    scale: (f,) s [m].
     power: (f, 35) ∫ y^e dm [kg] for EXPONENTS; 0 beyond the frame's degree.
     """
 
@@ -38,7 +42,7 @@ class FrameMoments:
 
 
 def frame_moments(grid: Grid, weights: sparse.csr_array, degrees: Sequence[int]) -> FrameMoments:
-    """Moments of the f frames of weights (n, f); degrees: (f,) 2 or 4."""
+    """Return the moments of the f frames of weights (n, f); degrees: (f,) 2 or 4."""
     f = frame_count(weights)
     dm = grid.per_material("density") * grid.cell_volume
     terms = np.array([np.count_nonzero(EXPONENTS.sum(axis=1) <= degree) for degree in degrees])
@@ -73,7 +77,15 @@ def frame_moments(grid: Grid, weights: sparse.csr_array, degrees: Sequence[int])
 
 
 @njit(cache=True, nogil=True)
-def _add_first(indptr, indices, data, index, material, dm, total):
+def _add_first(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    index: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    dm: Array,
+    total: Array,
+) -> None:
     """Σ dm (1, index) of each frame."""
     for v in range(len(index)):
         for k in range(indptr[v], indptr[v + 1]):
@@ -84,7 +96,20 @@ def _add_first(indptr, indices, data, index, material, dm, total):
 
 
 @njit(cache=True, nogil=True)
-def _add_higher(indptr, indices, data, index, material, dm, middle, edges, terms, exponents, total):
+def _add_higher(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    index: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    dm: Array,
+    middle: Array,
+    edges: Array,
+    terms: NDArray[np.int64],
+    exponents: NDArray[np.int64],
+    total: Array,
+) -> None:
+    """Add ∫ y^e dm to total (f, 35), y = (index − middle) edges; terms: (f,) how many exponents a frame has."""
     power = np.empty((3, 5))
     for v in range(len(index)):
         for k in range(indptr[v], indptr[v + 1]):

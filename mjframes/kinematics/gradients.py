@@ -20,7 +20,7 @@ def control_gradients(
     frames: NDArray[np.int64],
     within: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float64]:
-    """∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight.
+    """Return ∇W_j (v, m, 3) [1/m] at voxel centres, of the control points of `frames`, which hold all their weight.
 
     within: (n,) labels of the regions, where slopes shall be those inside them.
     """
@@ -35,8 +35,8 @@ def product_rule(
     slope: NDArray[np.float64],
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """W_j (s, m) and ∇W_j (s, m, 3) [1/m] of the control points of `frames`, from their weights w_i (s, f) and slopes
-    ∇w_i (s, f, 3) at points (s, 3) [m].
+    """Return W_j (s, m) and ∇W_j (s, m, 3) [1/m] of the control points of `frames`, from their weights w_i (s, f) and
+    slopes ∇w_i (s, f, 3) at points (s, 3) [m].
     """
     chosen, place = points_of(control, frames)
     return _product_rule(
@@ -45,7 +45,16 @@ def product_rule(
 
 
 @njit(cache=True, nogil=True)
-def _product_rule(weight, weight_gradient, place, points, basis, center, scale, axes):
+def _product_rule(
+    weight: NDArray[np.float64],
+    weight_gradient: NDArray[np.float64],
+    place: NDArray[np.int64],
+    points: NDArray[np.float64],
+    basis: NDArray[np.float64],
+    center: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    axes: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """w_i φ_j (v, m) and φ_j ∇w_i + w_i ∇φ_j (v, m, 3) of points j of frame i = place[j]."""
     value, gradient = np.empty((len(points), len(place))), np.empty((len(points), len(place), 3))
     y, slope, turned = np.empty(3), np.empty(3), np.empty(3)

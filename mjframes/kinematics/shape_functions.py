@@ -24,9 +24,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ShapeFunctions:
-    """Of f frames and k control points on n voxels.
+    """The shape functions of f frames and k control points on n voxels.
 
-    weights: (n, f) w_i, rows sum to 1.  control: the points and their φ_j.  correction: (n, k) ΔW_j, None for none.
+    weights: (n, f) w_i, rows sum to 1.
+    control: the points and their φ_j.
+    correction: (n, k) ΔW_j, None for none.
     """
 
     weights: sparse.csr_array

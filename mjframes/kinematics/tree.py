@@ -23,14 +23,18 @@ SEPARATOR_PRICES = (2, 3)  # [frames] one deepens all that hangs below it; 2 is 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """One tree of f frames. parent: (f,) int, −1 at the root.  order: (f,) depth first, so parents before children."""
+    """One tree of f frames.
+
+    parent: (f,) int, −1 at the root.
+    order: (f,) depth first, so parents before children.
+    """
 
     parent: NDArray[np.int64]
     order: NDArray[np.int64]
 
 
 def elimination_tree(sets: Iterable[Sequence[int]], frames: int) -> Tree:
-    """The tree of `frames` frames in which the frames of each of `sets` lie on one path from the root."""
+    """Return the tree of `frames` frames in which the frames of each of `sets` lie on one path from the root."""
     graph: Graph = {i: set() for i in range(frames)}
     for members in sets:
         for i, j in combinations(members, 2):
@@ -42,7 +46,7 @@ def elimination_tree(sets: Iterable[Sequence[int]], frames: int) -> Tree:
 
 
 def depths(tree: Tree) -> NDArray[np.int64]:
-    """(f,) how many frames lie on the path from the root to each, itself included."""
+    """Return how many frames (f,) lie on the path from the root to each, itself included."""
     depth = np.ones(len(tree.parent), np.int64)
     for i in tree.order[1:]:
         depth[i] = depth[tree.parent[i]] + 1
@@ -134,7 +138,7 @@ def _components(graph: Graph, part: set[int]) -> list[set[int]]:
 
 
 def frame_tree(sets: Iterable[Sequence[int]], frames: int, fixed: int = 0) -> Tree:
-    """The elimination tree of `frames` frames, the first `fixed` of which do not move and stand alone, before the rest.
+    """Return the elimination tree of `frames` frames, the first `fixed` of which do not move and stand alone, in front.
 
     sets: frames that are coupled to each other. Fixed ones have no degrees of freedom: what they couple is not coupled
     by them.
@@ -146,7 +150,7 @@ def frame_tree(sets: Iterable[Sequence[int]], frames: int, fixed: int = 0) -> Tr
 
 
 def depth_first(weights: sparse.csr_array, tree: Tree) -> tuple[sparse.csr_array, Tree]:
-    """The same with frames numbered in the tree's order, which is the order in which MuJoCo numbers bodies."""
+    """Return the same with frames numbered in the tree's order, which is the order in which MuJoCo numbers bodies."""
     number = np.argsort(tree.order)
     parent = tree.parent[tree.order]
     parent = np.where(parent < 0, -1, number[parent])

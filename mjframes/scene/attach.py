@@ -136,8 +136,9 @@ def _checked(
 class _Place:
     """Where a soft body goes.
 
-    holder: the body that its frames hang on; pos, quat: of the volume's coordinate system in it.  links: pose of each
-    body that holds a frame, in the volume's coordinates.  bodies: those of them that are not the holder.
+    holder: the body that its frames hang on; pos, quat: of the volume's coordinate system in it.
+    links: pose of each body that holds a frame, in the volume's coordinates.
+    bodies: those of them that are not the holder.
     """
 
     holder: mujoco.MjsBody

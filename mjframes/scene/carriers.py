@@ -21,12 +21,17 @@ LEAST_INERTIA = 1e-9  # [-] of m size²: of a shared body about the thinnest dir
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """One body.
+    """One body of the model that carries control points.
 
-    points: (p,) that ride on it.  parent: the carrier it hangs on, −1 for the soft body's holder.
-    joints: "slides", "free" (slides and ball), "".  link: name of the scene's body that it is fixed to, without joints.
-    offset: (3,) in what it hangs on [m].  pose: of it at rest, in the volume's coordinates.
-    mass: [kg].  inertia: (3,) principal moments [kg m²].  quat: (4,) of their axes in it.
+    points: (p,) that ride on it.
+    parent: the carrier it hangs on, −1 for the soft body's holder.
+    joints: "slides", "free" (slides and ball), "".
+    link: name of the scene's body that it is fixed to, without joints.
+    offset: (3,) in what it hangs on [m].
+    pose: of it at rest, in the volume's coordinates.
+    mass: [kg].
+    inertia: (3,) principal moments [kg m²].
+    quat: (4,) of their axes in it.
     """
 
     points: np.ndarray
@@ -40,13 +45,16 @@ class Carrier:
     quat: list[float]
 
     def local(self, rest: np.ndarray) -> np.ndarray:
-        """Points at rest (p, 3), in the body's axes [m]."""
+        """Return points at rest (p, 3), in the body's axes [m]."""
         rotation, position = self.pose
         return (rest - position) @ rotation
 
 
 def carriers(body: SoftBody, links: dict[str, Pose]) -> list[Carrier]:
-    """In the order of the frames; links: the pose of each scene body that holds a frame, in volume coordinates."""
+    """Return carriers in the order of the frames.
+
+    links: the pose of each scene body that holds a frame, in volume coordinates.
+    """
     found: list[Carrier] = []
     last = {-1: -1}  # carrier that the children of a frame hang on
     size = np.ptp(body.control.rest, axis=0).max()
@@ -83,12 +91,12 @@ def carriers(body: SoftBody, links: dict[str, Pose]) -> list[Carrier]:
 
 
 def printable(values: np.ndarray | np.floating | float) -> list[float]:
-    """Rounded to the six digits that MuJoCo saves, so that a saved model is the same model to the bit."""
+    """Return values rounded to the six digits that MuJoCo saves, so that a saved model is the same to the bit."""
     return [float(f"{value:.6g}") for value in np.round(np.atleast_1d(values), DIGITS)]
 
 
 def printable_quaternion(quat: np.ndarray) -> list[float]:
-    """The same rotation in six digits that MuJoCo's normalization and saving leave as they are."""
+    """Return the same rotation in six digits that MuJoCo's normalization and saving leave as they are."""
     rounded = printable(quat / np.linalg.norm(quat))
     for _ in range(20):  # each rounding is half a digit off: a few times is enough
         again = printable(np.array(rounded) / np.linalg.norm(rounded))

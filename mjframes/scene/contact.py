@@ -26,15 +26,19 @@ IMPEDANCE = (  # of solimp: what each number is, and its range
 class Contact:
     """Parameters of all patches of a soft body, as those of a geom in MJCF. None: MuJoCo's default.
 
-    friction: sliding [-], torsional [m], rolling [m].  margin, gap: [m].  solref, solimp: of the constraint.  condim:
-    1, 3, 4 or 6.  contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the
-    other. As they are, a soft body meets rigid geoms and other soft bodies; itself it never meets.  priority: the
-    parameters of the geom with the higher one count, those of equal ones are mixed.
+    friction: sliding [-], torsional [m], rolling [m].
+    margin, gap: [m].
+    solref, solimp: of the constraint.
+    condim: 1, 3, 4 or 6.
+    contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the other. As they are,
+    a soft body meets rigid geoms and other soft bodies; itself it never meets.
+    priority: the parameters of the geom with the higher one count, those of equal ones are mixed.
+
     The default solref has half of MuJoCo's time constant: soft bodies that fall on each other come a third to a half as
     deep into each other, and rest half as deep. With a rigid geom of MuJoCo's default, 0.02 s, it is mixed to 0.015.
     What is faster than a body's thickness in a few milliseconds, such as a ball of 10 m/s on a slab of 5 cm, still goes
     through it. There solref=(0.005, 1) with priority=1 holds.
-    Raises MjframesError for values that MuJoCo would not take.
+    Raise MjframesError for values that MuJoCo would not take.
     """
 
     friction: tuple[float, ...] | None = None

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 def forces_on_frames(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.int64], frame: NDArray[np.int64], generalized: Array
 ) -> Array:
-    """(f, 3) in the world [N] of generalized forces (nv,); NaN for frames without degrees of freedom of their own.
+    """Return forces (f, 3) in the world [N] from generalized ones (nv,); NaN for frames without degrees of freedom.
 
     bodies: (k,) that carry the control points.  frame: (k,) of each.
     """
@@ -36,7 +36,7 @@ def forces_on_frames(
 
 
 def contact_rows(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The constraint rows of all contacts of some geoms."""
+    """Return the constraint rows of all contacts of some geoms."""
     rows = []
     for contact in data.contact:
         if contact.efc_address >= 0 and np.isin(contact.geom, geoms).any():
@@ -46,7 +46,7 @@ def contact_rows(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.i
 
 
 def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[np.int64]) -> Array:
-    """(nv,) Σ_i J_iᵀ f_i over some constraint rows."""
+    """Return Σ_i J_iᵀ f_i (nv,) over some constraint rows."""
     total = np.zeros(model.nv)
     if not mujoco.mj_isSparse(model):
         return data.efc_force[rows] @ data.efc_J.reshape(data.nefc, model.nv)[rows]
@@ -57,7 +57,7 @@ def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[n
 
 
 def contact_force_on(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """(3,) the sum of all contact forces on a geom, in the world [N]."""
+    """Return the sum (3,) of all contact forces on a geom, in the world [N]."""
     total, force = np.zeros(3), np.zeros(6)
     for number, contact in enumerate(data.contact):
         if contact.efc_address >= 0 and geom in contact.geom:

@@ -13,7 +13,7 @@ _known: WeakValueDictionary[str, SoftBody] = WeakValueDictionary()  # that were 
 
 
 def asset_key(body: SoftBody) -> str:
-    """16 hexadecimal digits of what `body` is made of; the same before and after it is saved."""
+    """Return 16 hexadecimal digits of what `body` is made of; the same before and after it is saved."""
     volume = body.fields.volume
     arrays = [
         body.control.frame,
@@ -36,10 +36,10 @@ def asset_key(body: SoftBody) -> str:
 
 
 def remember(body: SoftBody) -> None:
-    """Lets `recall` find the body, as long as someone else holds it."""
+    """Let `recall` find the body, as long as someone else holds it."""
     _known[asset_key(body)] = body
 
 
 def recall(key: str) -> SoftBody | None:
-    """The body of this key, where one was attached in this process and still exists."""
+    """Return the body of this key, where one was attached in this process and still exists."""
     return _known.get(key)

@@ -16,7 +16,7 @@ from mjframes.scene import view
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """M (nv, nv) at the positions of `data`, with ½ q̇ᵀ M q̇ the kinetic energy; data stays as it is.
+    """Return M (nv, nv) at the positions of `data`, with ½ q̇ᵀ M q̇ the kinetic energy; data stays as it is.
 
     Of the bodies and armatures that MuJoCo knows, and of the mass of soft bodies between their points.
     Current after `mj_forward`; after `mj_step` that of the positions before it.
@@ -38,7 +38,7 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 @contextmanager
 def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[None]:
-    """Inside, `data.M` and its factors are those of `mass_matrix`, for code of others that reads them.
+    """Make `data.M` and its factors those of `mass_matrix` inside the block, for code of others that reads them.
 
     `mj_fullM`, `mj_mulM`, `mj_solveM`, `mj_energyVel`: operational-space controllers, energies. Afterwards both are
     again what the step works with. Not for stepping: that computes its own.

@@ -17,7 +17,7 @@ Pose = tuple[np.ndarray, np.ndarray]  # (3, 3), (3,) [m]
 
 
 def find_link(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
-    """The body `name` of the spec. Raises MjframesError where there is none."""
+    """Return the body `name` of the spec. Raise MjframesError where there is none."""
     body = spec.body(name)
     if body is None:
         known = ", ".join(repr(other.name) for other in spec.bodies if other.name) or "none"
@@ -26,7 +26,7 @@ def find_link(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
 
 
 def path_of(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The body and all that it hangs on, the world last."""
+    """Return the body and all that it hangs on, the world last."""
     path = [body]
     while path[-1].parent is not None:
         path.append(path[-1].parent)
@@ -34,7 +34,7 @@ def path_of(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
 
 
 def best_holder(parent: mujoco.MjsBody, links: Iterable[mujoco.MjsBody]) -> mujoco.MjsBody:
-    """Of these bodies the one with the most of the links at and above it; `parent` of equals.
+    """Return the one of these bodies with the most of the links at and above it; `parent` of equals.
 
     The frames hang on it: what is above them in the tree can be coupled to them in MuJoCo's inertia matrix.
     """
@@ -43,18 +43,18 @@ def best_holder(parent: mujoco.MjsBody, links: Iterable[mujoco.MjsBody]) -> mujo
 
 
 def is_static(link: mujoco.MjsBody, holder: mujoco.MjsBody) -> bool:
-    """Whether no joint stands between the link and the nearest body that it shares with the holder's path."""
+    """Return whether no joint stands between the link and the nearest body that it shares with the holder's path."""
     shared = path_of(holder)
     return all(not body.joints for body in path_of(link) if body not in shared)
 
 
 def moves(body: mujoco.MjsBody) -> bool:
-    """Whether it is on a kinematic tree or a mocap body."""
+    """Return whether it is on a kinematic tree or a mocap body."""
     return any(outer.joints or outer.mocap for outer in path_of(body)[:-1])
 
 
 def pose_in_world(body: mujoco.MjsBody) -> Pose:
-    """Of the body, in the world, at the model's reference configuration."""
+    """Return the pose of the body in the world, at the model's reference configuration."""
     pose: Pose = (np.eye(3), np.zeros(3))
     for inner in path_of(body)[:-1]:
         element = inner
@@ -65,17 +65,17 @@ def pose_in_world(body: mujoco.MjsBody) -> Pose:
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:
-    """Of what `inner` places, placed by `outer`."""
+    """Return the pose of what `inner` places, placed by `outer`."""
     return outer[0] @ inner[0], outer[0] @ inner[1] + outer[1]
 
 
 def inverse(pose: Pose) -> Pose:
-    """Of the outer coordinate system in the inner one."""
+    """Return the pose of the outer coordinate system in the inner one."""
     return pose[0].T, -pose[0].T @ pose[1]
 
 
 def pose(pos: Iterable[float], quat: Iterable[float]) -> Pose:
-    """From a position [m] and a quaternion of any length."""
+    """Return a pose from a position [m] and a quaternion of any length."""
     matrix = np.zeros(9)
     q = np.array(list(quat), float)
     mujoco.mju_quat2Mat(matrix, q / np.linalg.norm(q))
@@ -83,7 +83,7 @@ def pose(pos: Iterable[float], quat: Iterable[float]) -> Pose:
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """(4,) of a rotation matrix (3, 3)."""
+    """Return the quaternion (4,) of a rotation matrix (3, 3)."""
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ravel(rotation))
     return quat

@@ -15,9 +15,9 @@ PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/s
 
 
 def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
-    """A scene from MJCF, and its spec; loads the plugin where the scene asks for it.
+    """Return a scene from MJCF, and its spec; load the plugin where the scene asks for it.
 
-    Raises MjframesError with MuJoCo's reason where it cannot be loaded.
+    Raise MjframesError with MuJoCo's reason where it cannot be loaded.
     """
     if not os.path.isfile(path):
         raise MjframesError(f"{path}: there is no such scene; give the path of an MJCF file (.xml).")
@@ -42,7 +42,7 @@ def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjS
 
 
 def changed_masses(compiler: mujoco.MjsCompiler) -> str:
-    """What in a scene's compiler changes the masses of its bodies, and so those of soft ones; "" for nothing."""
+    """Return what in a scene's compiler changes the masses of its bodies, and so those of soft ones; "" for nothing."""
     for option in ("settotalmass", "boundmass", "boundinertia"):
         if (value := getattr(compiler, option)) > 0:
             return f'its <compiler {option}="{value:g}"/> would change the masses of a soft body; take it out'
@@ -51,7 +51,7 @@ def changed_masses(compiler: mujoco.MjsCompiler) -> str:
 
 @contextmanager
 def mujoco_warnings() -> Iterator[list[str]]:
-    """Catches what MuJoCo warns of, instead of a file MUJOCO_LOG.TXT in the working directory."""
+    """Catch what MuJoCo warns of, instead of a file MUJOCO_LOG.TXT in the working directory."""
     caught: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(caught.append)
@@ -62,7 +62,7 @@ def mujoco_warnings() -> Iterator[list[str]]:
 
 
 def sentence(error: Exception, warnings: list[str]) -> str:
-    """The reason in one line: the plugin's own words where it has some, else MuJoCo's."""
+    """Return the reason in one line: the plugin's own words where it has some, else MuJoCo's."""
     lines = [*warnings, *str(error).splitlines()]
     own = [line for line in lines if line.startswith(PLUGIN_WARNING)]
     text = own[-1].removeprefix(PLUGIN_WARNING) if own else (warnings or [str(error)])[-1]

@@ -40,9 +40,14 @@ OUTSIDE = 1.5  # [voxels] from the nearest voxel's centre along an axis: a point
 class Group:
     """The material points of one region.
 
-    rows: (s,) which ones.  region: its number.  points: (m,) its control points.  gradient: ∇W_j (s, m, 3) [1/m].
+    rows: (s,) which ones.
+    region: its number.
+    points: (m,) its control points.
+    gradient: ∇W_j (s, m, 3) [1/m].
     slack: I − Σ_j x̄_j ∇W_jᵀ (s, 3, 3), 0 where all the region's frames can turn.
-    mode: Φ (s, 3, q).  mode_slope: ∇Φ (s, 3, 3, q) [1/m], derivatives in the third axis.  share: T (q, 3m).
+    mode: Φ (s, 3, q).
+    mode_slope: ∇Φ (s, 3, 3, q) [1/m], derivatives in the third axis.
+    share: T (q, 3m).
     """
 
     rows: NDArray[np.int64]
@@ -55,7 +60,7 @@ class Group:
     share: Array
 
     def lifted(self, region: Region, x: Array) -> tuple[Array, Array]:
-        """R (3, 3) and T y (q,) with the control points at x (k, 3); R is I where nothing turns along."""
+        """Return R (3, 3) and T y (q,) with the control points at x (k, 3); R is I where nothing turns along."""
         if not isinstance(region, CorotationalRegion):
             return np.eye(3), np.zeros(len(self.share))
         own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
@@ -63,7 +68,7 @@ class Group:
         return R, self.share @ (own @ R - rest).ravel()
 
     def lifted_velocity(self, region: Region, x: Array, v: Array) -> Array:
-        """d/dt R Φ T y (s, 3) while the control points move by v (k, 3) [m/s]."""
+        """Return d/dt R Φ T y (s, 3) while the control points move by v (k, 3) [m/s]."""
         if not isinstance(region, CorotationalRegion) or not len(self.share):
             return np.zeros((len(self.rows), 3))
         own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
@@ -80,9 +85,13 @@ def _about_mean(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class MaterialPoints:
-    """n points.  weights: W_j (n, k).  offset: p̄ − Σ_j W_j x̄_j (n, 3) [m].  groups: them all, by region.
+    """n points.
 
-    law: of the elasticity.  constants: (n, 3) of it there, Lamé's (λ, μ, 0) [Pa] for the corotational one.
+    weights: W_j (n, k).
+    offset: p̄ − Σ_j W_j x̄_j (n, 3) [m].
+    groups: them all, by region.
+    law: of the elasticity.
+    constants: (n, 3) of it there, Lamé's (λ, μ, 0) [Pa] for the corotational one.
     """
 
     weights: sparse.csr_array
@@ -128,7 +137,7 @@ class MaterialPoints:
         return F
 
     def response(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
-        """Cauchy stress σ (n, 3, 3) [Pa] and strain energy density ψ (n,) [J/m³]; regions: those of the soft body."""
+        """Return Cauchy stress σ (n, 3, 3) [Pa] and strain energy density ψ (n,) [J/m³]; regions: the soft body's."""
         return self._corotational(regions, x) if self.law == COROTATIONAL else self._hyperelastic(regions, x)
 
     def _corotational(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
@@ -158,10 +167,10 @@ class MaterialPoints:
 
 
 def material_points(body: SoftBody, rest: Array, points: ArrayLike) -> MaterialPoints:
-    """The material at points (n, 3) in volume coordinates [m].
+    """Return the material at points (n, 3) in volume coordinates [m].
 
     rest: (k, 3) x̄_j as the model has them, of which six digits are left; gradients are put right for them.
-    Raises MjframesError for points that are not (n, 3) numbers and for those outside the volume.
+    Raise MjframesError for points that are not (n, 3) numbers and for those outside the volume.
     """
     at = np.asarray(points, np.float64)
     if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():

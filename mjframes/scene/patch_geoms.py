@@ -19,7 +19,7 @@ BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its body's size befo
 
 
 def ordered_patches(body: SoftBody, carried: Sequence[Carrier], rank: np.ndarray) -> list[np.ndarray]:
-    """The contact spheres of each patch; patches in the order of their bodies."""
+    """Return the contact spheres of each patch; patches in the order of their bodies."""
     patches = np.split(np.arange(len(body.contact.patch)), np.flatnonzero(np.diff(body.contact.patch)) + 1)
     return sorted(patches, key=lambda spheres: rank[_carrier_of_patch(body, carried, spheres)])
 

@@ -39,9 +39,9 @@ _loading = threading.Lock()
 
 
 def load() -> None:
-    """Loads the plugin into MuJoCo, once; does nothing where something else has loaded it already.
+    """Load the plugin into MuJoCo, once; do nothing where something else has loaded it already.
 
-    Raises MjframesError where no library fits and none can be compiled, or where MuJoCo cannot load it.
+    Raise MjframesError where no library fits and none can be compiled, or where MuJoCo cannot load it.
     """
     with _loading:
         if is_loaded():
@@ -60,7 +60,7 @@ def load() -> None:
 
 
 def is_loaded() -> bool:
-    """Whether MuJoCo knows the plugin, whoever loaded it."""
+    """Return whether MuJoCo knows the plugin, whoever loaded it."""
     try:
         mujoco.MjModel.from_xml_string(f'<mujoco><extension><plugin plugin="{NAME}"/></extension></mujoco>')
     except ValueError:
@@ -69,10 +69,10 @@ def is_loaded() -> bool:
 
 
 def library_path() -> Path:
-    """The library for the installed MuJoCo; compiles it first where there is none yet.
+    """Return the library for the installed MuJoCo; compile it first where there is none yet.
 
     A program that does not import mjframes hands it to `mujoco.mj_loadPluginLibrary`.
-    Raises MjframesError where no library fits and none can be compiled.
+    Raise MjframesError where no library fits and none can be compiled.
     """
     if chosen := os.environ.get(LIBRARY_VARIABLE):
         if not Path(chosen).is_file():
@@ -92,7 +92,7 @@ def library_path() -> Path:
 
 
 def source_directory() -> Path:
-    """The directory of the plugin's C++ sources: in the installed package, or in the checkout this package lies in."""
+    """Return the directory of the plugin's C++ sources: in the installed package, or in the checkout around it."""
     for directory in (_PACKAGED, _CHECKOUT):
         if (directory / FLAGS_FILE).is_file():
             return directory
@@ -100,7 +100,7 @@ def source_directory() -> Path:
 
 
 def library_name(sources: Path) -> str:
-    """The file name of what these sources give for the installed MuJoCo; CMakeLists.txt computes the same."""
+    """Return the file name of what these sources give for the installed MuJoCo; CMakeLists.txt computes the same."""
     patterns = ("*.cc", "*.h", "laws/*.h", FLAGS_FILE)
     files = sorted(path.relative_to(sources).as_posix() for pattern in patterns for path in sources.glob(pattern))
     manifest = "".join(f"{hashlib.sha256((sources / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
@@ -109,9 +109,9 @@ def library_name(sources: Path) -> str:
 
 
 def find_compiler() -> list[str]:
-    """The command of the C++ compiler: $CXX, else the first of c++, g++ and clang++ on the path.
+    """Return the command of the C++ compiler: $CXX, else the first of c++, g++ and clang++ on the path.
 
-    Raises MjframesError where there is none.
+    Raise MjframesError where there is none.
     """
     chosen = os.environ.get("CXX", "").strip()
     for command in [chosen] if chosen else ["c++", "g++", "clang++"]:

@@ -75,7 +75,9 @@ ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is
 def configuration(
     body: SoftBody, carried: Sequence[Carrier], branch: np.ndarray, patches: Sequence[np.ndarray]
 ) -> dict[str, str]:
-    """carried: in the order of the model's bodies.  branch: (k,) of the kinematic tree, 0 where it is the soft body's.
+    """Return what the plugin reads, by key.
+
+    carried: in the order of the model's bodies.  branch: (k,) of the kinematic tree, 0 where it is the soft body's.
 
     patches: the contact spheres of each, in the order of the model's geoms; none for no contact.
     """
@@ -152,7 +154,7 @@ def _cells(body: SoftBody, cells: Cells) -> dict[str, str]:
 
 
 def decode_slopes(text: str, count: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
-    """E_q (q, 9, 3m) of each region's cells.  count, size: (r,) cells and control points."""
+    """Return E_q (q, 9, 3m) of each region's cells.  count, size: (r,) cells and control points."""
     parts = np.split(decode(text), np.cumsum(27 * count * size)[:-1])
     return tuple(part.reshape(-1, 9, 3 * int(m)) for part, m in zip(parts, size, strict=True))
 
@@ -173,7 +175,7 @@ def _hyperelastic(body: SoftBody, quadrature: Quadrature, rest: np.ndarray) -> d
 
 
 def enlargement(branch: np.ndarray) -> float:
-    """Of a region's stiffness where its points, on these branches, are coupled beyond what MuJoCo's inertia holds.
+    """Return that of a region's stiffness where its points, on these branches, couple beyond MuJoCo's inertia.
 
     K ⪯ n blockdiag(K) for n branches, and the step is stable while K ⪯ 4/3 of what is held.
     """
@@ -224,29 +226,32 @@ def _distance_field(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, 
 
 
 def patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
-    """The control points that move any of the spheres, and all points of their frames: one path, ancestors first."""
+    """Return the control points that move any of the spheres, with all of their frames: one path, ancestors first."""
     frames = np.unique(body.control.frame[body.contact.weights[spheres].indices])
     return np.flatnonzero(np.isin(body.control.frame, frames))
 
 
 def instance_name(name: str) -> str:
-    """The name of a soft body's plugin instance: its own, but for one letter, to which MuJoCo must attach something."""
+    """Return the name of a soft body's plugin instance: its own, unless that is one letter.
+
+    One letter gets a separator, as MuJoCo must attach something to it.
+    """
     return name if len(name) > 1 else name + SEPARATOR
 
 
 def soft_name(instance: str) -> str:
-    """The name of the soft body whose plugin instance is called so."""
+    """Return the name of the soft body whose plugin instance is called so."""
     return instance.removesuffix(SEPARATOR)
 
 
 def encode(values: np.ndarray | Sequence[int]) -> str:
-    """An array as the plugin reads it: type, count and base64 of the little-endian values."""
+    """Return an array as the plugin reads it: type, count and base64 of the little-endian values."""
     array = np.ravel(values)
     kind, form = ("i32", "<i4") if np.issubdtype(array.dtype, np.integer) else ("f64", "<f8")
     return f"{kind}:{array.size}:{base64.b64encode(array.astype(form).tobytes()).decode('ascii')}"
 
 
 def decode(text: str) -> np.ndarray:
-    """The values (count,) of what `encode` wrote."""
+    """Return the values (count,) of what `encode` wrote."""
     kind, _, data = text.split(":")
     return np.frombuffer(base64.b64decode(data), "<i4" if kind == "i32" else "<f8")

@@ -26,7 +26,7 @@ BACK = np.array([0.0, -0.8, 0.6])  # unit vector from the body to the camera
 
 
 def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact: bool = True) -> mujoco.MjSpec:
-    """A spec in which `body`, made from `volume`, falls on a floor from a quarter of its size."""
+    """Return a spec in which `body`, made from `volume`, falls on a floor from a quarter of its size."""
     lower, upper = _bounds(volume)
     size = float((upper - lower).max())
     spec = mujoco.MjSpec()
@@ -61,7 +61,7 @@ def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact
 
 
 def fragment(body: SoftBody, name: str = "soft", contact: bool = True) -> mujoco.MjSpec:
-    """A spec of `body` alone, for MJCF's <attach>: `<attach model="steak" body="soft" prefix="left_"/>`."""
+    """Return a spec of `body` alone, for MJCF's <attach>: `<attach model="steak" body="soft" prefix="left_"/>`."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     attach(spec, body, name, contact=contact)
@@ -77,10 +77,10 @@ def scene_with(
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     contact: bool = True,
 ) -> mujoco.MjSpec:
-    """The spec of a scene (.xml) with `body` in it, at `pos` [m], `quat` of the scene's body `parent`.
+    """Return the spec of a scene (.xml) with `body` in it, at `pos` [m], `quat` of the scene's body `parent`.
 
     What is new stands at rest in the scene's keyframes.
-    Raises MjframesError for a scene that cannot be loaded, and for a name or a parent that it does not allow.
+    Raise MjframesError for a scene that cannot be loaded, and for a name or a parent that it does not allow.
     """
     spec = load_scene(scene)[1]
     if any(name == other.name for other in (*spec.bodies, *spec.plugins)):
@@ -100,7 +100,7 @@ def scene_with(
 def write_scene(spec: mujoco.MjSpec, path: Path) -> None:
     """Write a compiled spec as MJCF, in which files that it names are found from where it is written.
 
-    Raises MjframesError where MuJoCo cannot load what is written.
+    Raise MjframesError where MuJoCo cannot load what is written.
     """
     root = ElementTree.fromstring(spec.to_xml())
     if spec.modelfiledir:  # the spec itself is tied to where it was

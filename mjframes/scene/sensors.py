@@ -26,13 +26,13 @@ def add_sensor(
     points: ArrayLike | None = None,
     sensor_name: str | None = None,
 ) -> mujoco.MjsSensor:
-    """Add a sensor of the soft body `name`, of which `body` was attached to `spec`; returns MuJoCo's sensor.
+    """Add a sensor of the soft body `name`, of which `body` was attached to `spec`; return MuJoCo's sensor.
 
     quantity: "elastic_energy" or "kinetic_energy" [J], one value; or at material points (n, 3), in volume coordinates
     [m], as many times: "energy_density" [J/m³]; "stress", Cauchy's in the world's axes [Pa], and "strain", Green's in
     the volume's axes, as xx, yy, zz, yz, xz, xy; "deformation_gradient", from the volume's to the world's axes, row by
     row. The same as `soft()` says.  sensor_name: f"{name}_{quantity}" unless given.
-    Raises MjframesError for other quantities, where points are missing or not of the material, for a soft body that is
+    Raise MjframesError for other quantities, where points are missing or not of the material, for a soft body that is
     not there or another one, and for a name that is taken.
     """
     if quantity not in WHOLE + OF_POINTS:

@@ -18,7 +18,7 @@ SKIN_WEIGHT = 1e-4  # [-] smaller skin weights are left out: below single precis
 
 
 def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], name: str) -> None:
-    """One skin for each label that is seen, named after its material, if that is its alone.
+    """Add a skin for each label that is seen, named after its material, if that is its alone.
 
     Its bones are the bodies, each with the weights of the points that ride on it.
     """

@@ -29,9 +29,11 @@ SAME_MASS = 1e-4  # [-] as in plugin/soft.cc: the model's masses have six digits
 class Soft:
     """A view of one soft body; current after `mj_forward` or `mj_step`.
 
-    k control points, f frames, r regions, p patches.  instance: of the plugin.  holder: MuJoCo body whose axes are the
-    volume's.  bodies: (k,) MuJoCo body that each control point rides on.  given: the body that it was built as, where
-    one was given.
+    k control points, f frames, r regions, p patches.
+    instance: of the plugin.
+    holder: MuJoCo body whose axes are the volume's.
+    bodies: (k,) MuJoCo body that each control point rides on.
+    given: the body that it was built as, where one was given.
     Material points (n, 3) are in volume coordinates [m]; they and frames need the `SoftBody`: MjframesError without.
     """
 
@@ -47,12 +49,12 @@ class Soft:
 
     @cached_property
     def rest(self) -> np.ndarray:
-        """x̄ (k, 3) in volume coordinates [m]."""
+        """Return x̄ (k, 3) in volume coordinates [m]."""
         return decode(self.configuration["point_rest"]).reshape(-1, 3)
 
     @cached_property
     def regions(self) -> list[CorotationalRegion] | list[HyperelasticRegion]:
-        """The elastic regions; their control points are numbered as here."""
+        """Return the elastic regions; their control points are numbered as here."""
         if "quadrature_count" not in self.configuration:
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
@@ -122,7 +124,7 @@ class Soft:
 
     @property
     def mass_difference(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Consistent minus lumped mass: of each region its control points (m,) and (m, m) [kg]; none if lumped."""
+        """Return consistent minus lumped mass: each region's control points (m,) and (m, m) [kg]; none if lumped."""
         scale = self._mass_scale
         if (scale == 1).all():
             return self._built_difference
@@ -149,22 +151,22 @@ class Soft:
 
     @cached_property
     def offset(self) -> np.ndarray:
-        """(k, 3) of each control point in its body's axes [m]."""
+        """Return the offset (k, 3) of each control point in its body's axes [m]."""
         return self._array("point_offset", 3 * len(self.bodies)).reshape(-1, 3)
 
     @property
     def mass(self) -> np.ndarray:
-        """(k,) [kg]"""
+        """Return the mass (k,) of each control point [kg]."""
         return self._mass_scale**2 * self._built_mass
 
     @property
     def control_positions(self) -> np.ndarray:
-        """x (k, 3) in the world [m]."""
+        """Return x (k, 3) in the world [m]."""
         return self.data.xpos[self.bodies] + self._arms()
 
     @property
     def control_velocities(self) -> np.ndarray:
-        """dx/dt (k, 3) in the world [m/s]."""
+        """Return dx/dt (k, 3) in the world [m/s]."""
         velocity, twist = np.zeros((len(self.bodies), 3)), np.zeros(6)
         for j, (body, arm) in enumerate(zip(self.bodies, self._arms(), strict=True)):
             mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, int(body), twist, 0)
@@ -181,28 +183,28 @@ class Soft:
 
     @property
     def elastic_energy(self) -> float:
-        """[J]"""
+        """Return the elastic energy [J]."""
         x = self.control_positions
         return sum(region.energy(x[region.points]) for region in self.regions)
 
     @property
     def kinetic_energy(self) -> float:
-        """½ Σ_jk M_jk v_j · v_k of the soft body's own mass [J]."""
+        """Return ½ Σ_jk M_jk v_j · v_k of the soft body's own mass [J]."""
         return 0.5 * float(np.sum(self.control_velocities * self.control_momenta))
 
     @property
     def kinetic_difference(self) -> float:
-        """How much of it MuJoCo's bodies, which have the point masses alone, do not have [J]."""
+        """Return how much of the kinetic energy MuJoCo's bodies, which have the point masses alone, do not have [J]."""
         return self.kinetic_energy - 0.5 * float(self.mass @ (self.control_velocities**2).sum(axis=1))
 
     @property
     def linear_momentum(self) -> np.ndarray:
-        """Of the soft body's own mass (3,), in the world [kg m/s]."""
+        """Return the linear momentum of the soft body's own mass (3,), in the world [kg m/s]."""
         return self.control_momenta.sum(axis=0)
 
     @property
     def angular_momentum(self) -> np.ndarray:
-        """Of the soft body's own mass about the world's origin (3,) [kg m²/s].
+        """Return the angular momentum of the soft body's own mass about the world's origin (3,) [kg m²/s].
 
         MuJoCo's own, `subtree_angmom`, knows the masses of bodies only, which is not all of a consistent mass matrix.
         """
@@ -210,7 +212,7 @@ class Soft:
 
     @property
     def control_momenta(self) -> np.ndarray:
-        """Σ_k M_jk v_k (k, 3) of the control points, in the world [kg m/s]."""
+        """Return Σ_k M_jk v_k (k, 3) of the control points, in the world [kg m/s]."""
         velocity = self.control_velocities
         momentum = self.mass[:, None] * velocity
         for points, difference in self.mass_difference:
@@ -219,18 +221,18 @@ class Soft:
 
     @property
     def elastic_forces(self) -> np.ndarray:
-        """(k, 3) on the control points, in the world [N]."""
+        """Return the elastic forces (k, 3) on the control points, in the world [N]."""
         x, forces = self.control_positions, np.zeros((len(self.bodies), 3))
         for region in self.regions:
             forces[region.points] += region.response(x[region.points])[0]
         return forces
 
     def positions(self, points: ArrayLike) -> np.ndarray:
-        """(n, 3) of material points, in the world [m]."""
+        """Return the positions (n, 3) of material points, in the world [m]."""
         return self.data.xpos[self.holder] + self._at(points).positions(self.regions, self._local) @ self._axes.T
 
     def velocities(self, points: ArrayLike) -> np.ndarray:
-        """(n, 3) of material points, in the world [m/s]."""
+        """Return the velocities (n, 3) of material points, in the world [m/s]."""
         some, twist = self._at(points), np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, self.holder, twist, 0)
         arms = self.control_positions - self.data.xpos[self.holder]
@@ -259,16 +261,16 @@ class Soft:
         mujoco.mj_applyFT(self.model, self.data, np.zeros(3), torque, at, self.holder, self.data.qfrc_applied)
 
     def deformation_gradients(self, points: ArrayLike) -> np.ndarray:
-        """F (n, 3, 3) at material points: from volume coordinates to the world, the rotation of the body included."""
+        """Return F (n, 3, 3) at material points: from volume coordinates to the world, the body's rotation included."""
         return self._axes @ self._at(points).deformation_gradients(self.regions, self._local)
 
     def strains(self, points: ArrayLike) -> np.ndarray:
-        """Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
+        """Return Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
         F = self.deformation_gradients(points)
         return 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
 
     def stresses(self, points: ArrayLike) -> np.ndarray:
-        """Cauchy's stress (n, 3, 3) at material points, in the world's axes [Pa].
+        """Return Cauchy's stress (n, 3, 3) at material points, in the world's axes [Pa].
 
         Elastic stress, without damping.
         """
@@ -276,19 +278,19 @@ class Soft:
         return self._axes @ stress @ self._axes.T
 
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
-        """Strain energy per volume at rest (n,) at material points [J/m³]."""
+        """Return the strain energy per volume at rest (n,) at material points [J/m³]."""
         return self._at(points).response(self.regions, self._local)[1]
 
     @property
     def frame_forces(self) -> np.ndarray:
-        """Elastic force on each frame, the sum over its control points (f, 3), in the world [N]."""
+        """Return the elastic force on each frame, the sum over its control points (f, 3), in the world [N]."""
         frame, total = self.body.control.frame, np.zeros((len(self.body.types), 3))
         np.add.at(total, frame, self.elastic_forces)
         return total
 
     @property
     def constraint_forces(self) -> np.ndarray:
-        """Net force of all constraints on each frame and what was put on its bodies (f, 3), in the world [N].
+        """Return the net force of constraints on each frame and what was put on its bodies (f, 3), in the world [N].
 
         NaN for held frames: theirs is part of the force on what holds them.
         """
@@ -296,7 +298,7 @@ class Soft:
 
     @property
     def contact_forces(self) -> np.ndarray:
-        """Net force of the soft body's contacts on each frame, shared by the weights there (f, 3), in the world [N].
+        """Return the net force of contacts on each frame, shared by the weights there (f, 3), in the world [N].
 
         NaN for held frames, see `constraint_forces`.
         """
@@ -305,19 +307,19 @@ class Soft:
 
     @property
     def patch_forces(self) -> np.ndarray:
-        """Net contact force on each patch (p, 3), in the world [N]."""
+        """Return the net contact force on each patch (p, 3), in the world [N]."""
         found = [forces.contact_force_on(self.model, self.data, int(geom)) for geom in self.patches]
         return np.array(found).reshape(-1, 3)
 
     @property
     def patches(self) -> np.ndarray:
-        """(p,) geoms of the contact patches."""
+        """Return the geoms (p,) of the contact patches."""
         owner = self.model.body_plugin[self.model.geom_bodyid]
         return np.flatnonzero((self.model.geom_plugin >= 0) & (owner == self.instance))
 
     @cached_property
     def body(self) -> SoftBody:
-        """What was built. Raises MjframesError where it was neither given nor attached in this process."""
+        """Return what was built. Raise MjframesError where it was neither given nor attached in this process."""
         body = self.given or recall(self.configuration["asset"])
         if body is None:
             raise MjframesError(
@@ -350,10 +352,10 @@ class Soft:
 
 
 def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody | None = None) -> Soft:
-    """The view of the soft body `name`.
+    """Return the view of the soft body `name`.
 
     body: what it was built as. Material points and frames need it, where it was not attached in this process.
-    Raises MjframesError where the model has none of that name, and for another body.
+    Raise MjframesError where the model has none of that name, and for another body.
     """
     instances = _instances(model)
     if name not in instances:
@@ -371,7 +373,7 @@ def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody |
 
 
 def soft_names(model: mujoco.MjModel) -> list[str]:
-    """The names of the model's soft bodies."""
+    """Return the names of the model's soft bodies."""
     return list(_instances(model))
 
 

@@ -16,7 +16,9 @@ from mjframes.volume.volume import Volume
 class ContactPoints:
     """Centres of the contact spheres.
 
-    positions: (s, 3) volume coordinates [m].  radius: [m].  normals: (s, 3) of the surface above each, outward.
+    positions: (s, 3) volume coordinates [m].
+    radius: [m].
+    normals: (s, 3) of the surface above each, outward.
     rank: (s,) int, 0 for the most important: for every n the points of rank below n cover the surface evenly.
     """
 
@@ -26,15 +28,15 @@ class ContactPoints:
     rank: np.ndarray
 
     def sorted(self, order: np.ndarray) -> ContactPoints:
-        """The same in another order (s,)."""
+        """Return the same in another order (s,)."""
         return ContactPoints(self.positions[order], self.radius, self.normals[order], self.rank[order])
 
 
 def contact_points(surface: Surface, volume: Volume, radius: float | None = None, count: int = 600) -> ContactPoints:
-    """At most `count` spheres that touch the surface from inside: the extreme vertices first, then farthest points.
+    """Return at most `count` spheres that touch the surface from inside: extreme vertices first, then farthest points.
 
     radius: [m], half the smallest spacing unless given.
-    Raises MjframesError if radius ≤ 0 or count < 1.
+    Raise MjframesError if radius ≤ 0 or count < 1.
     """
     radius = float(np.min(volume.spacing)) / 2 if radius is None else float(radius)
     if not (np.isfinite(radius) and radius > 0):

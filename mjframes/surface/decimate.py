@@ -10,6 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Point = tuple[float, float, float]
 
 LARGEST_TURN = 0.8  # [-] cosine of the largest turn of a triangle in one collapse: 37 degrees
 LARGEST_ERROR = 0.15  # [-] of the final edge length: root mean square distance to the planes of the old triangles
@@ -21,7 +26,7 @@ PASSES = 20  # the last pass takes edges of 2.6 times the final length, by then 
 def decimate(vertices: np.ndarray, faces: np.ndarray, target_vertices: int) -> tuple[np.ndarray, np.ndarray]:
     """Collapse short edges of a closed surface until `target_vertices` are left, or more where its shape needs them.
 
-    vertices: (s, 3) [m].  faces: (t, 3) int, counter-clockwise seen from outside.  Returns new (vertices, faces).
+    vertices: (s, 3) [m].  faces: (t, 3) int, counter-clockwise seen from outside.  Return new (vertices, faces).
     """
     if len(vertices) <= target_vertices:
         return vertices, faces
@@ -37,7 +42,7 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, target_vertices: int) -> t
 
 
 @njit(cache=True)
-def _quadrics(x, faces):
+def _quadrics(x: Array, faces: Ints) -> tuple[Array, float]:
     """Q (s, 10) of each vertex, the upper triangle of Σ_f A_f (n, d)(n, d)ᵀ row by row, and Σ_f A_f."""
     quadric, total = np.zeros((len(x), 10)), 0.0
     for f in range(len(faces)):
@@ -61,7 +66,7 @@ def _quadrics(x, faces):
 
 
 @njit(cache=True, inline="always")
-def _normal(x, a, b, c0, c1, c2):
+def _normal(x: Array, a: int, b: int, c0: float, c1: float, c2: float) -> Point:
     """(b − a) × (c − a) of two vertices and a point c."""
     e0, e1, e2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     f0, f1, f2 = c0 - x[a, 0], c1 - x[a, 1], c2 - x[a, 2]
@@ -69,8 +74,8 @@ def _normal(x, a, b, c0, c1, c2):
 
 
 @njit(cache=True)
-def _collapse(x, faces, quadric, length, target):
-    """Collapse edges in place; returns which faces are left."""
+def _collapse(x: Array, faces: Ints, quadric: Array, length: float, target: int) -> NDArray[np.bool_]:
+    """Collapse edges in place; return which faces are left."""
     alive = np.ones(len(faces), np.bool_)
     first, last = np.empty((2, len(x)), np.int64)
     following = np.empty(3 * len(faces), np.int64)
@@ -122,8 +127,14 @@ def _collapse(x, faces, quadric, length, target):
 
 
 @njit(cache=True)
-def _list_corners(left, faces, first, last, following):
-    """The corners 3 f + c around each vertex as linked lists, of the faces left; joining vertices joins their lists."""
+def _list_corners(
+    left: NDArray[np.integer],
+    faces: Ints,
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    following: NDArray[np.int64],
+) -> None:
+    """List the corners 3 f + c around each vertex, linked, of the faces left; joining vertices joins their lists."""
     first[:] = -1
     for f in left:
         for c in range(3):
@@ -137,8 +148,17 @@ def _list_corners(left, faces, first, last, following):
 
 
 @njit(cache=True)
-def _common_neighbours(u, v, faces, alive, first, following, mark, stamp):
-    """How many vertices are adjacent to both u and v."""
+def _common_neighbours(
+    u: int,
+    v: int,
+    faces: Ints,
+    alive: NDArray[np.bool_],
+    first: NDArray[np.int64],
+    following: NDArray[np.int64],
+    mark: NDArray[np.int64],
+    stamp: int,
+) -> int:
+    """Return how many vertices are adjacent to both u and v."""
     corner = first[u]
     while corner >= 0:
         f = corner // 3
@@ -161,15 +181,15 @@ def _common_neighbours(u, v, faces, alive, first, following, mark, stamp):
 
 
 @njit(cache=True)
-def _square(x, u, v):
+def _square(x: Array, u: int, v: int) -> float:
     """Squared length of an edge."""
     e0, e1, e2 = x[v, 0] - x[u, 0], x[v, 1] - x[u, 1], x[v, 2] - x[u, 2]
     return e0 * e0 + e1 * e1 + e2 * e2
 
 
 @njit(cache=True)
-def _position(x, u, v, quadric):
-    """The end or the middle of the edge, whichever has the least quadric error; the middle on flat ground."""
+def _position(x: Array, u: int, v: int, quadric: Array) -> Point:
+    """Return the end or the middle of the edge, whichever has the least quadric error; the middle on flat ground."""
     slack = 1e-3 * _area(quadric) * _square(x, u, v)
     best = ((x[u, 0] + x[v, 0]) / 2, (x[u, 1] + x[v, 1]) / 2, (x[u, 2] + x[v, 2]) / 2)
     least = _error(best, quadric)
@@ -182,7 +202,7 @@ def _position(x, u, v, quadric):
 
 
 @njit(cache=True)
-def _error(p, q):
+def _error(p: Point, q: Array) -> float:
     """(p, 1)ᵀ Q (p, 1)."""
     return (
         p[0] * (q[0] * p[0] + 2 * (q[1] * p[1] + q[2] * p[2] + q[3]))
@@ -193,15 +213,24 @@ def _error(p, q):
 
 
 @njit(cache=True)
-def _area(quadric):
+def _area(quadric: Array) -> float:
     """Of the triangles in a quadric: Σ_f A_f |n_f|²."""
     return quadric[0] + quadric[4] + quadric[7]
 
 
 @njit(cache=True)
-def _turns(u, v, position, x, faces, alive, first, following):
-    """Whether moving u to `position` turns or flattens a triangle of u that does not vanish with the edge u v."""
-    corner = first[u]
+def _turns(
+    u: int,
+    v: int,
+    position: Point,
+    x: Array,
+    faces: Ints,
+    alive: NDArray[np.bool_],
+    first: NDArray[np.int64],
+    following: NDArray[np.int64],
+) -> bool:
+    """Return whether moving u to `position` turns or flattens a triangle of u that does not vanish with edge u v."""
+    corner: int = first[u]
     while corner >= 0:
         f = corner // 3
         p, q = faces[f, (corner + 1) % 3], faces[f, (corner + 2) % 3]

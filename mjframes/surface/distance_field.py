@@ -1,4 +1,4 @@
-"""The signed distance of the rest shape on a coarse lattice: what a point inside a deformed soft body needs to know (the paper, §5.4).
+"""The rest shape's signed distance on a coarse lattice: what a point in a deformed body has to know (the paper, §5.4).
 
 At each node n the signed distance φ_n to the surface at rest, negative inside, and the control weights W_j(n); between
 nodes both are trilinear. The deformed nodes x(n) = Σ_j W_j(n) x_j then give x at any material point, and inverting that
@@ -28,10 +28,14 @@ COVERED = 0.9  # [-] share of a node's weight that the control points of its pat
 class DistanceField:
     """n nodes of a cubic lattice along the volume's axes, those inside and near the surface.
 
-    spacing: [m].  origin: (3,) of the first node, in volume coordinates [m].  shape: (3,) nodes along each axis.
-    node: (n,) their places in the whole lattice, ascending.  distance: (n,) φ [m].  patch: (n,) the patch whose
-    contact sphere is nearest.  weights: (n, k) W_j.  spheres: (s, 3) the contact spheres' centres, in cells from the
-    first node.
+    spacing: [m].
+    origin: (3,) of the first node, in volume coordinates [m].
+    shape: (3,) nodes along each axis.
+    node: (n,) their places in the whole lattice, ascending.
+    distance: (n,) φ [m].
+    patch: (n,) the patch whose contact sphere is nearest.
+    weights: (n, k) W_j.
+    spheres: (s, 3) the contact spheres' centres, in cells from the first node.
     """
 
     spacing: float
@@ -101,7 +105,7 @@ def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarra
 
 
 def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.ndarray:
-    """(n,) of points (n, 3) to a closed surface, negative inside [m].
+    """Return the distance (n,) of points (n, 3) to a closed surface, negative inside [m].
 
     Exact where the nearest triangle holds one of the surface samples, `spacing` / 2 apart, nearest to the point.
     """

@@ -28,7 +28,8 @@ MARGIN = 2  # [voxels] of empty space around the volume, for the surface to clos
 class Surface:
     """A closed surface of several materials.
 
-    vertices: (s, 3) volume coordinates [m].  faces: (t, 3) int32, counter-clockwise seen from outside.
+    vertices: (s, 3) volume coordinates [m].
+    faces: (t, 3) int32, counter-clockwise seen from outside.
     label: (t,) material label of each triangle.
     """
 
@@ -38,14 +39,14 @@ class Surface:
 
     @property
     def mesh(self) -> Trimesh:
-        """Its triangles, for areas, normals and the volume inside."""
+        """Return its triangles, for areas, normals and the volume inside."""
         return _mesh(self.vertices, self.faces)
 
 
 def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
-    """The closed surface of all materials together, with about `target_vertices` vertices and smooth seams.
+    """Return the closed surface of all materials together, with about `target_vertices` vertices and smooth seams.
 
-    Raises MjframesError if target_vertices < 100.
+    Raise MjframesError if target_vertices < 100.
     """
     if target_vertices < 100:
         raise MjframesError(f"target_vertices is {target_vertices!r}; a surface needs 100 vertices or more.")

@@ -20,9 +20,10 @@ CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Of s spheres, sorted by patch and cluster.
+    """The patches of s spheres, sorted by patch and cluster.
 
-    order: (s,) the spheres in this order.  patch, cluster: (s,) of each sphere in this order, from 0.
+    order: (s,) the spheres in this order.
+    patch, cluster: (s,) of each sphere in this order, from 0.
     """
 
     order: np.ndarray
@@ -33,7 +34,10 @@ class Patches:
 def group_patches(
     centers: np.ndarray, normals: np.ndarray, weights: sparse.csr_array, control: ControlPoints
 ) -> Patches:
-    """centers (s, 3) [m], outward normals (s, 3), control weights (s, k); frames numbered depth first."""
+    """Return the patches of spheres.
+
+    centers: (s, 3) [m].  normals: (s, 3), outward.  weights: (s, k) of the control points; frames numbered depth first.
+    """
     deepest = np.maximum.reduceat(control.frame[weights.indices], weights.indptr[:-1])
     axis = np.argmax(np.abs(normals), axis=1)
     facing = 2 * axis + (normals[np.arange(len(normals)), axis] > 0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy import ndimage
 
 NEIGHBOURS = np.ones((3, 3, 3), bool)
@@ -15,7 +16,7 @@ SMOOTHING = 1.0  # [voxels] Gaussian of surface and seams: takes the steps off s
 
 
 def inside_field(inside: np.ndarray) -> np.ndarray:
-    """Smoothed indicator of the inside, above ½ inside; unsmoothed around what smoothing would lose."""
+    """Return the smoothed indicator of the inside, above ½ inside; unsmoothed around what smoothing would lose."""
     smooth = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHING, truncate=3.0, mode="constant")
     lost = (smooth > 0.5) != inside
     # Voxels are thin, not only the corner of something or a step of its side, where no neighbour is left of their kind.
@@ -28,8 +29,8 @@ def inside_field(inside: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _alone(inside, lost):
-    """Which lost cells have no neighbour of their kind that is not lost."""
+def _alone(inside: NDArray[np.bool_], lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which lost cells have no neighbour of their kind that is not lost."""
     alone = np.zeros(inside.shape, np.bool_)
     for a in range(1, inside.shape[0] - 1):
         for b in range(1, inside.shape[1] - 1):
@@ -45,8 +46,8 @@ def _alone(inside, lost):
 
 
 @njit(cache=True)
-def _unsmooth(field, inside, where):
-    """Makes the smoothed field the sharp one around `where`, with a transition of one voxel."""
+def _unsmooth(field: np.ndarray, inside: NDArray[np.bool_], where: NDArray[np.bool_]) -> None:
+    """Make the smoothed field the sharp one around `where`, with a transition of one voxel."""
     sharp = np.zeros(field.shape, np.uint8)  # 28 where sharp; else how many of the 27 cells around are
     for step in range(2):
         for a in range(1, field.shape[0] - 1):

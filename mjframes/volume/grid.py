@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -26,10 +27,14 @@ EVEN, COMPLIANCE = "even", "compliance"  # metrics: geodesic distance within the
 class Grid:
     """The n voxels inside a volume, in C order of their indices.
 
-    index: (n, 3) int32.  padded: (nx + 2, ny + 2, nz + 2) int32, `lookup` with a border of −1 around it.
-    spacing: (3,) [m].  axes: (3, 3), column a is the direction of index axis a.  origin: (3,) [m].
-    cell_volume: of one voxel [m³].  labels, table: (m,) the labels present and their materials, with rigid ones just
-    stiff enough.  material: (n,) unsigned integers, the place of each voxel's material in `table`.
+    index: (n, 3) int32.
+    padded: (nx + 2, ny + 2, nz + 2) int32, `lookup` with a border of −1 around it.
+    spacing: (3,) [m].
+    axes: (3, 3), column a is the direction of index axis a.
+    origin: (3,) [m].
+    cell_volume: of one voxel [m³].
+    labels, table: (m,) the labels present and their materials, with rigid ones just stiff enough.
+    material: (n,) unsigned integers, the place of each voxel's material in `table`.
     piece: (n,) int32, number of the connected rigid piece (26 neighbours), −1 where soft.
     """
 
@@ -46,69 +51,69 @@ class Grid:
 
     @property
     def lookup(self) -> NDArray[np.int32]:
-        """(nx, ny, nz) a view: the voxel's number, or −1 outside."""
+        """Return the voxels' numbers (nx, ny, nz), −1 outside, as a view."""
         return self.padded[1:-1, 1:-1, 1:-1]
 
     def points(self, voxels: NDArray[np.integer] | slice) -> NDArray[np.float64]:
-        """(v, 3) the centres of some voxels in volume coordinates [m]."""
+        """Return the centres (v, 3) of some voxels in volume coordinates [m]."""
         return self.origin + (self.index[voxels] + 0.5) * self.spacing @ self.axes.T
 
     @cached_property
     def centers(self) -> NDArray[np.float64]:
-        """(n, 3) of all, kept from the first use on: `points` is for those who need a few at a time."""
+        """Return the centres (n, 3) of all voxels [m], kept from the first use on: `points` is for a few at a time."""
         return self.points(slice(None))
 
     @cached_property
     def outermost(self) -> NDArray[np.int32]:
-        """The voxels with a face neighbour outside: the nearest one to any point outside is one of them."""
+        """Return the voxels with a face neighbour outside: the nearest one to any point outside is one of them."""
         inside = self.padded >= 0
         core = np.asarray(ndimage.binary_erosion(inside, ndimage.generate_binary_structure(3, 1)), bool)
         return self.padded[inside & np.logical_not(core)]
 
     @property
     def length(self) -> float:
-        """[m] from the first to the last centre, along the index axis where that is longest."""
+        """Return the length from the first to the last centre, along the index axis where that is longest [m]."""
         return float(np.max(np.ptp(self.index, axis=0) * self.spacing))
 
     @property
     def label(self) -> NDArray[np.unsignedinteger]:
-        """(n,) the material's label."""
+        """Return the material's label (n,)."""
         return self.labels[self.material]
 
     @cached_property
     def young(self) -> NDArray[np.float64]:
-        """(n,) [Pa]"""
+        """Return Young's modulus (n,) [Pa]."""
         return self.per_material("young")[self.material]
 
     @cached_property
     def lam(self) -> NDArray[np.float64]:
-        """(n,) Lamé's λ [Pa]"""
+        """Return Lamé's λ (n,) [Pa]."""
         return self.per_material("lam")[self.material]
 
     @cached_property
     def mu(self) -> NDArray[np.float64]:
-        """(n,) Lamé's μ [Pa]"""
+        """Return Lamé's μ (n,) [Pa]."""
         return self.per_material("mu")[self.material]
 
     @cached_property
     def density(self) -> NDArray[np.float64]:
-        """(n,) [kg/m³]"""
+        """Return the density (n,) [kg/m³]."""
         return self.per_material("density")[self.material]
 
     @cached_property
     def compliance(self) -> NDArray[np.float64]:
-        """(n,) [1/Pa], 0 where rigid"""
+        """Return the compliance (n,) [1/Pa], 0 where rigid."""
         return self.per_material("compliance")[self.material]
 
     def per_material(self, name: str) -> NDArray[np.float64]:
-        """(m,) a property of the materials of `table`: young, lam, mu, density or compliance."""
+        """Return a property (m,) of the materials of `table`: young, lam, mu, density or compliance."""
         if name in ("lam", "mu"):
             return np.array([material.lame[name == "mu"] for material in self.table])
         return np.array([getattr(material, name) for material in self.table], np.float64)
 
 
 def voxel_grid(volume: Volume) -> Grid:
-    """The compact list of the voxels inside `volume`."""
+    """Return the compact list of the voxels inside `volume`."""
     labels = np.ascontiguousarray(volume.labels)
     n = int(np.count_nonzero(labels))
     padded = np.full([size + 2 for size in labels.shape], -1, np.int32)
@@ -153,7 +158,7 @@ def with_materials(grid: Grid, elasticity: Sequence[tuple[float, float]]) -> Gri
 
 
 def nearest_voxels(grid: Grid, points: ArrayLike, within: int) -> NDArray[np.int64]:
-    """The voxel (s,) whose centre is nearest to each point, counted in voxels along the axes; −1 where none is so near.
+    """Return the voxel (s,) whose centre is nearest to each point, counted in voxels along axes; −1 where none is near.
 
     points: (s, 3) volume coordinates [m].  within: [voxels].
     """
@@ -171,7 +176,14 @@ def _strain_moduli(table: list[Material]) -> list[Material]:
 
 
 @njit(cache=True, nogil=True)
-def _list_voxels(labels, known, padded, index, material):
+def _list_voxels(
+    labels: NDArray[np.unsignedinteger],
+    known: NDArray[np.unsignedinteger],
+    padded: NDArray[np.int32],
+    index: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+) -> None:
+    """Fill padded, index (n, 3) and material (n,), the place in `known` of each voxel's label."""
     v = 0
     place = 0
     for a in range(labels.shape[0]):
@@ -189,8 +201,8 @@ def _list_voxels(labels, known, padded, index, material):
 
 
 @njit(cache=True, nogil=True)
-def root_of(parent, v):
-    """The representative of v's set, with the paths to it halved on the way (union–find)."""
+def root_of(parent: NDArray[np.int32], v: Any) -> int:
+    """Return the representative of v's set, with the paths to it halved on the way (union–find)."""
     while parent[v] != v:
         parent[v] = parent[parent[v]]
         v = parent[v]
@@ -198,7 +210,13 @@ def root_of(parent, v):
 
 
 @njit(cache=True, nogil=True)
-def _number_pieces(index, padded, material, is_rigid, piece):
+def _number_pieces(
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    material: NDArray[np.unsignedinteger],
+    is_rigid: NDArray[np.bool_],
+    piece: NDArray[np.int32],
+) -> None:
     """Numbers in the order of the pieces' first voxels."""
     for v in range(len(piece)):  # the array holds the parents of the rigid voxels first
         if not is_rigid[material[v]]:
@@ -223,7 +241,8 @@ def _number_pieces(index, padded, material, is_rigid, piece):
 
 
 @njit(cache=True, nogil=True)
-def _nearest(at, lookup, within):
+def _nearest(at: NDArray[np.float64], lookup: NDArray[np.int32], within: int) -> NDArray[np.int64]:
+    """Return the voxel (s,) nearest to places in index coordinates (s, 3), −1 where none is `within` reach."""
     voxel = np.full(len(at), -1, np.int64)
     for s in range(len(at)):
         low, high = np.empty(3, np.int64), np.empty(3, np.int64)

@@ -17,7 +17,7 @@ ROUNDING = 1e-6  # [voxels] by which a centre may miss a facet that it spans
 
 
 def in_convex_hull(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where a voxel's centre lies in the convex hull of the centres of those `inside`, (nx, ny, nz) both.
+    """Return where a voxel's centre lies in the convex hull of the centres of those `inside`, (nx, ny, nz) both.
 
     Without a body in three dimensions there is no hull, and the answer is `inside`.
     """
@@ -40,8 +40,10 @@ def in_convex_hull(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @njit(cache=True)
-def _cap(corners, planes, high, low):
-    """Lets each triangle (3, 3) of the hull end the columns in its shadow, edges included: whole numbers, so exactly.
+def _cap(
+    corners: NDArray[np.integer], planes: NDArray[np.float64], high: NDArray[np.float64], low: NDArray[np.float64]
+) -> None:
+    """Let each triangle (3, 3) of the hull end the columns in its shadow, edges included: whole numbers, so exactly.
 
     high, low: (nx, ny) the hull's ends along z.  planes: (t, 4) normal and offset.
     """

@@ -42,10 +42,14 @@ class ImageWarning(Notice):
 
 @dataclass(frozen=True, eq=False)
 class LabelImage:
-    """labels: array as stored.  spacing (3,) [m], origin (3,) [m]: None where the file says nothing.
-    axes (3, 3): column a is the unit direction of index axis a, maybe left-handed or sheared.
+    """What a file says of an image.
+
+    labels: array as stored.
+    spacing, origin: (3,) [m], None where the file says nothing.
+    axes: (3, 3), column a is the unit direction of index axis a, maybe left-handed or sheared.
     origin_index: index position of `origin` in the first voxel, ½ its centre, 0 its corner.
-    materials: None where the file has none."""
+    materials: None where the file has none.
+    """
 
     labels: NDArray[Any]
     spacing: NDArray[np.float64] | None = None
@@ -56,9 +60,9 @@ class LabelImage:
 
 
 def read_image(path: Path) -> LabelImage:
-    """The label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha or .mhd file.
+    """Return the label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha or .mhd file.
 
-    Raises MjframesError if the file is missing, of another type, unreadable or truncated, or if the package that reads
+    Raise MjframesError if the file is missing, of another type, unreadable or truncated, or if the package that reads
     it is not installed.
     """
     readers = {".npz": _read_npz, ".npy": _read_npy, ".nrrd": _read_nrrd, ".nii": _read_nifti, ".nii.gz": _read_nifti}
@@ -110,7 +114,7 @@ def _only_labels(path: Path, archive: Mapping[str, NDArray[Any]]) -> NDArray[Any
 
 
 def write_materials(materials: Mapping[int, Material]) -> str:
-    """The materials as JSON, for an .npz file."""
+    """Return the materials as JSON, for an .npz file."""
     return json.dumps({str(label): vars(material) for label, material in sorted(materials.items())})
 
 

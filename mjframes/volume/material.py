@@ -19,10 +19,14 @@ DENSITY = (1e-6, 1e9)  # [kg/m³]
 class Material:
     """One material of a volume.
 
-    young: Young's modulus [Pa], 1e-3 to 1e15.  poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.
-    density: [kg/m³], 1e-6 to 1e9.  name, rgba: how it is called and drawn.  is_rigid: made by `Material.rigid`.
+    young: Young's modulus [Pa], 1e-3 to 1e15.
+    poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.
+    density: [kg/m³], 1e-6 to 1e9.
+    name, rgba: how it is called and drawn.
+    is_rigid: made by `Material.rigid`.
     law_constants: of a law for large strains, by name, where those of `young` and `poisson` will not do; see `laws`.
-    Raises MjframesError for values outside these ranges.
+
+    Raise MjframesError for values outside these ranges.
     """
 
     young: float
@@ -59,23 +63,23 @@ class Material:
     def rigid(
         cls, density: float, *, name: str = "", rgba: tuple[float, float, float, float] = (0.93, 0.9, 0.8, 1.0)
     ) -> Material:
-        """A material that does not deform: all its points share one weight vector (the paper, §4.4)."""
+        """Return a material that does not deform: all its points share one weight vector (the paper, §4.4)."""
         return cls(RIGID_YOUNG, RIGID_POISSON, density, name=name, rgba=rgba, is_rigid=True)
 
     @property
     def compliance(self) -> float:
-        """1/E [1/Pa] for the compliance distance (5); 0 for a rigid material."""
+        """Return 1/E [1/Pa] for the compliance distance (5); 0 for a rigid material."""
         return 0.0 if self.is_rigid else 1.0 / self.young
 
     @property
     def lame(self) -> tuple[float, float]:
-        """Lamé's (λ, μ) [Pa]."""
+        """Return Lamé's (λ, μ) [Pa]."""
         e, nu = self.young, self.poisson
         return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a real, finite number, and no truth value or text."""
+    """Return whether a value is a real, finite number, and no truth value or text."""
     return (
         isinstance(value, (int, float, np.integer, np.floating))
         and not isinstance(value, bool)

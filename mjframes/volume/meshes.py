@@ -52,7 +52,9 @@ class MeshWarning(Notice):
 class Surface:
     """An oriented triangle mesh, normals outwards.
 
-    name: file or number, for messages.  vertices: (n, 3) [m].  faces: (m, 3) int64.
+    name: file or number, for messages.
+    vertices: (n, 3) [m].
+    faces: (m, 3) int64.
     notices: (k,) sentences about what was wrong and what was done.
     open_edges: how many edges have no other side; 0 for a closed surface.
     """
@@ -68,10 +70,10 @@ class Surface:
 
 
 def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
-    """The surface in a file (.obj .stl .ply .off .glb) or a trimesh object, cleaned as the module's text says.
+    """Return the surface in a file (.obj .stl .ply .off .glb) or a trimesh object, cleaned as the module's text says.
 
     name: what messages call it where it is no file.  scale: [m] that one unit of the mesh is long.
-    Raises MjframesError if the file is missing, unreadable or of another type, or if the mesh cannot have an inside.
+    Raise MjframesError if the file is missing, unreadable or of another type, or if the mesh cannot have an inside.
     """
     if isinstance(source, (str, os.PathLike)):
         name = os.fspath(source)
@@ -112,9 +114,9 @@ def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
 
 
 def mesh_contents(source: MeshLike, name: str) -> tuple[object, ...]:
-    """All of `source` that `load_surface` depends on, for `mjframes.base.cache`: a file's path and contents, or arrays.
+    """Return all of `source` that `load_surface` depends on, for `mjframes.base.cache`: path and contents, or arrays.
 
-    Raises MjframesError for what is neither.
+    Raise MjframesError for what is neither.
     """
     if isinstance(source, (str, os.PathLike)):
         return os.fspath(source), Path(source)  # messages have the path
@@ -122,7 +124,7 @@ def mesh_contents(source: MeshLike, name: str) -> tuple[object, ...]:
 
 
 def lids(surface: Surface) -> Surface:
-    """What closes an open surface: for each hole the cone from its edge to its middle.
+    """Return what closes an open surface: for each hole the cone from its edge to its middle.
 
     Surface and lids together are closed, so w = w_together − w_lids has an integer and few triangles to sum over.
     """
@@ -138,7 +140,7 @@ def lids(surface: Surface) -> Surface:
 
 
 def import_igl(name: str, fault: str = "the surface is not watertight") -> Any:
-    """libigl, for surfaces with a fault.  Raises MjframesError that names it and says how to get libigl."""
+    """Return libigl, for surfaces with a fault.  Raise MjframesError that names it and says how to get libigl."""
     try:
         return importlib.import_module("igl")
     except ImportError as error:
@@ -148,7 +150,7 @@ def import_igl(name: str, fault: str = "the surface is not watertight") -> Any:
 
 
 def winding_number(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """w (q,) at points (q, 3) of triangles (m, 3, 3), by the sum over all of them (van Oosterom and Strackee 1983)."""
+    """Return w (q,) at points (q, 3) of triangles (m, 3, 3), by the sum over all (van Oosterom and Strackee 1983)."""
     w = np.empty(len(points))
     for q, point in enumerate(points):
         a, b, c = np.moveaxis(triangles - point, 1, 0)

@@ -25,9 +25,13 @@ LONGEST_LINE = 4096  # [bytes] of a header; a longer one is not text
 
 @dataclass(frozen=True, eq=False)
 class MetaImage:
-    """labels: as stored, first index fastest in the file.  axes (3, 3): column a is the direction of index axis a.
-    spacing, center (3,): of a voxel and of the first one's middle, in `unit`, None where the header says nothing.
-    is_anatomy: whether it has an anatomical orientation; ITK then writes left, posterior, superior coordinates."""
+    """What a MetaImage file says.
+
+    labels: as stored, first index fastest in the file.
+    axes: (3, 3), column a is the direction of index axis a.
+    spacing, center: (3,) of a voxel and of the first one's middle, in `unit`, None where the header says nothing.
+    is_anatomy: whether it has an anatomical orientation; ITK then writes left, posterior, superior coordinates.
+    """
 
     labels: NDArray[Any]
     axes: NDArray[np.float64]
@@ -38,7 +42,7 @@ class MetaImage:
 
 
 def read_metaimage(path: Path) -> MetaImage:
-    """The image in a .mha or .mhd file.  Raises MjframesError if its header and its data do not fit each other."""
+    """Return the image in a .mha or .mhd file.  Raise MjframesError if its header and its data do not fit."""
     header, local = _header(path)
 
     def numbers(*keys: str) -> NDArray[np.float64] | None:

@@ -38,10 +38,13 @@ LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with u
 class Volume:
     """Labelled voxels.
 
-    labels: (nx, ny, nz) unsigned integers, 0 outside.  spacing: (3,) [m].  origin: (3,) [m], corner of voxel (0, 0, 0).
+    labels: (nx, ny, nz) unsigned integers, 0 outside.
+    spacing: (3,) [m].
+    origin: (3,) [m], corner of voxel (0, 0, 0).
     axes: (3, 3) proper rotation, column a is the direction of index axis a.
     materials: the material of every label that occurs (others may be there too).
-    Raises MjframesError where one of them is not so, and for a volume with nothing inside.
+
+    Raise MjframesError where one of them is not so, and for a volume with nothing inside.
     """
 
     labels: NDArray[np.unsignedinteger]
@@ -179,7 +182,7 @@ class Volume:
         scale: float = 1.0,
         up: str = "z",
     ) -> Volume:
-        """A volume from surface meshes, each of one material; where they overlap, the later one wins.
+        """Return a volume from surface meshes, each of one material; where they overlap, the later one wins.
 
         meshes: (mesh, material) pairs; a mesh is a file (.obj .stl .ply .off .glb) or a trimesh object. The i-th, from
         1 on, has label i. Surfaces need not be perfect: `mjframes.volume.meshes` says what counts as inside.
@@ -188,9 +191,9 @@ class Volume:
         fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
         scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it and for
         up: the axis of the meshes that points up, see `upright`.
-        Warns (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
+        Warn (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
         The voxels are kept on disk (`base.cache`) until a mesh or an argument changes; warnings are given again.
-        Raises MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
+        Raise MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
         """
         from mjframes.base.cache import cached
         from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents
@@ -238,7 +241,7 @@ class Volume:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the volume and its materials to a .npz file, all of it or nothing.
 
-        Raises MjframesError for another file type and if the file cannot be written.
+        Raise MjframesError for another file type and if the file cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -250,9 +253,9 @@ class Volume:
 
     @telling_memory
     def resample(self, voxels: int) -> Volume:
-        """The volume on a grid of cubes of which about `voxels` are inside, each with the label at its centre.
+        """Return the volume on a grid of cubes, about `voxels` of them inside, each with the label at its centre.
 
-        Raises MjframesError if a label would vanish.
+        Raise MjframesError if a label would vanish.
         """
         if not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
             raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
@@ -278,7 +281,7 @@ class Volume:
         return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
 
     def upright(self, up: str) -> Volume:
-        """The volume turned about the origin so that what was along the axis `up` ("y", "-x", …) is along z.
+        """Return the volume turned about the origin so that what was along the axis `up` ("y", "-x", …) is along z.
 
         Many programs write meshes with y up, in MuJoCo it is z.
         """
@@ -294,7 +297,7 @@ class Volume:
 
     @telling_memory
     def filled(self, material: Material) -> Volume:
-        """The volume with `material` in all of its convex hull that was outside: flesh around bones.
+        """Return the volume with `material` in all of its convex hull that was outside: flesh around bones.
 
         It gets the label after the highest one, of those present and those with a material.
         """
@@ -307,13 +310,13 @@ class Volume:
 
     @telling_memory
     def largest_component(self) -> Volume:
-        """The volume without all pieces but the one with the most voxels (26 neighbours)."""
+        """Return the volume without all pieces but the one with the most voxels (26 neighbours)."""
         pieces, sizes = _components(self.labels)
         return replace(self, labels=np.where(pieces == 1 + np.argmax(sizes), self.labels, 0).astype(self.labels.dtype))
 
 
 def require_connected(volume: Volume) -> None:
-    """Raises MjframesError unless the inside is one piece: no distance and no weight crosses a gap (26 neighbours)."""
+    """Raise MjframesError unless the inside is one piece: no distance and no weight crosses a gap (26 neighbours)."""
     sizes = np.sort(_components(volume.labels)[1])[::-1]
     if len(sizes) > 1:
         shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
@@ -335,7 +338,7 @@ def _components(labels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int32],
 
 
 def occurring(labels: NDArray[np.unsignedinteger]) -> list[int]:
-    """The labels of the voxels inside, ascending."""
+    """Return the labels of the voxels inside, ascending."""
     if labels.dtype.itemsize <= 2:
         seen = np.zeros(np.iinfo(labels.dtype).max + 1, bool)
         for slab in _slabs(labels):
@@ -403,7 +406,7 @@ def _array(labels: ArrayLike) -> NDArray[Any]:
 
 
 def _require_labels(source: str, labels: NDArray[Any]) -> None:
-    """Raises MjframesError for arrays of another shape and of what are no numbers."""
+    """Raise MjframesError for arrays of another shape and of what are no numbers."""
     if labels.ndim != 3:
         raise MjframesError(
             f"{source}labels have shape {labels.shape}; they must be an (nx, ny, nz) array of integers."

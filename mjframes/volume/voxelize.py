@@ -33,14 +33,18 @@ CAUGHT = 0.1  # [-] quantile of their thickness that the advised spacing resolve
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A block of cells: low (3,) int64 index of its first one in the grid, shape (3,)."""
+    """A block of cells.
+
+    low: (3,) int64 index of its first one in the grid.
+    shape: how many along each axis.
+    """
 
     low: NDArray[np.int64]
     shape: tuple[int, int, int]
 
     @property
     def slices(self) -> tuple[slice, slice, slice]:
-        """Where it lies in the grid's array."""
+        """Return where it lies in the grid's array."""
         a, b, c = (slice(int(low), int(low) + n) for low, n in zip(self.low, self.shape, strict=True))
         return a, b, c
 
@@ -48,10 +52,10 @@ class Box:
 def voxelize(
     surfaces: Sequence[Surface], spacing: NDArray[np.float64], fill: bool
 ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.float64], list[str]]:
-    """Labels (nx, ny, nz): i + 1 in surfaces[i], the last one that has the voxel; origin (3,) [m]; notices.
+    """Return labels (nx, ny, nz): i + 1 in surfaces[i], the last one that has the voxel; origin (3,) [m]; notices.
 
     spacing: (3,) [m].  fill: whether the rest of the convex hull of all gets the label after the last.
-    Raises MjframesError if a surface encloses no voxel, or nothing that deserves the name.
+    Raise MjframesError if a surface encloses no voxel, or nothing that deserves the name.
     """
     low, shape = _frame(surfaces, spacing)
     labels = np.zeros(shape, np.min_scalar_type(len(surfaces) + fill))
@@ -84,7 +88,7 @@ def _doubts(surfaces: Sequence[Surface]) -> list[str]:
 
 
 def spacing_for(surfaces: Sequence[Surface], voxels: int, fill: bool) -> NDArray[np.float64]:
-    """Edge (3,) [m] of the cubic voxels of which about `voxels` are inside, from the volume in a coarser grid.
+    """Return the edge (3,) [m] of the cubic voxels of which about `voxels` are inside, by the volume in a coarser grid.
 
     The shortest side of all meshes becomes a whole number of cells, so that a block keeps its volume.
     """
@@ -106,7 +110,7 @@ def spacing_for(surfaces: Sequence[Surface], voxels: int, fill: bool) -> NDArray
 
 
 def convex_hull(surfaces: Sequence[Surface]) -> Surface:
-    """The convex hull of all surfaces, closed and oriented outwards."""
+    """Return the convex hull of all surfaces, closed and oriented outwards."""
     points = np.concatenate([surface.vertices for surface in surfaces])
     hull = scipy.spatial.ConvexHull(points)
     a, b, c = (points[hull.simplices[:, corner]] for corner in range(3))
@@ -261,7 +265,7 @@ def _spread(weight: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 @njit(cache=True, inline="always")
-def _on_edge(u, i, j, x):
+def _on_edge(u: NDArray[np.float64], i: int, j: int, x: int) -> tuple[float, float]:
     """(y, z) where the line from vertex i to vertex j has the coordinate x; the same whichever comes first."""
     if j < i:
         i, j = j, i
@@ -270,7 +274,7 @@ def _on_edge(u, i, j, x):
 
 
 @njit(cache=True)
-def _crossings(u, faces, change):
+def _crossings(u: NDArray[np.float64], faces: NDArray[np.int64], change: NDArray[np.int32]) -> None:
     """Add to change (nx, ny, nz + 1), for each column and triangle that covers it, ±1 at the first voxel above."""
     nx, ny, nz = change.shape[0], change.shape[1], change.shape[2] - 1
     for t in range(faces.shape[0]):
@@ -296,7 +300,7 @@ def _crossings(u, faces, change):
 
 
 @njit(cache=True, parallel=True)
-def _integrate(change):
+def _integrate(change: NDArray[np.int32]) -> None:
     """Sum along z, in place."""
     for x in prange(change.shape[0]):
         for y in range(change.shape[1]):
@@ -307,7 +311,7 @@ def _integrate(change):
 
 
 @njit(cache=True, parallel=True)
-def _bare_share(u, faces, inside):
+def _bare_share(u: NDArray[np.float64], faces: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(m,) share of each triangle that has no inside voxel among the 27 around it, by samples one cell apart."""
     nx, ny, nz = inside.shape
     share = np.zeros(faces.shape[0])
@@ -333,19 +337,19 @@ def _bare_share(u, faces, inside):
 
 
 @njit(cache=True, inline="always")
-def _triple(a, b, c):
+def _triple(a: tuple[float, float, float], b: tuple[float, float, float], c: tuple[float, float, float]) -> float:
     """a · (b × c), of tuples: arrays this small would be made on the heap."""
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
 
 
 @njit(cache=True, inline="always")
-def _between(v, i, j):
+def _between(v: NDArray[np.float64], i: int, j: int) -> tuple[float, float, float]:
     """From vertex i to vertex j."""
     return v[j, 0] - v[i, 0], v[j, 1] - v[i, 1], v[j, 2] - v[i, 2]
 
 
 @njit(cache=True, parallel=True)
-def _thickness(v, faces, chosen):
+def _thickness(v: NDArray[np.float64], faces: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.float64]:
     """(c,) [m]: how far the surface is from the middle of each chosen triangle against its normal; inf if nowhere."""
     thickness = np.full(len(chosen), np.inf)
     for s in prange(len(chosen)):

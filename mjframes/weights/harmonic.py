@@ -34,9 +34,9 @@ ITERATIONS = 300  # multigrid needs 5 to 20; up to 50 where random voxels are 1e
 
 
 def harmonic_weights(grid: Grid, placement: Placement) -> sparse.csr_array:
-    """The frames' weights at the voxel centres, (n, f) with sorted indices.
+    """Return the frames' weights at the voxel centres, (n, f) with sorted indices.
 
-    Raises MjframesError if the volume is large and pyamg is not installed.
+    Raise MjframesError if the volume is large and pyamg is not installed.
     """
     graph = voxel_graph(grid)
     core = _cores(graph, placement)
@@ -152,8 +152,10 @@ def _solver(matrix: sparse.csr_array) -> Callable[[NDArray[np.float64]], NDArray
 
 
 @njit(cache=True, nogil=True)
-def _frontier(graph, distance, label, reach):
-    """The distance at which each Voronoi cell's frontier is nearest to its seed."""
+def _frontier(
+    graph: VoxelGraph, distance: NDArray[np.float64], label: NDArray[np.int32], reach: NDArray[np.float64]
+) -> None:
+    """Lower `reach` (f,) to the distance at which each Voronoi cell's frontier is nearest to its seed."""
     for w in range(len(label)):
         u = graph.node[w]
         for k in range(26):

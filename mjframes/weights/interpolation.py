@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
@@ -47,7 +48,7 @@ def voxel_shares(grid: Grid, weights: csr_array, points: np.ndarray, nearest: np
 
 
 def closest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
-    """(s,) the voxel whose centre is closest to each point (s, 3), in volume coordinates [m]."""
+    """Return the voxel (s,) whose centre is closest to each point (s, 3), in volume coordinates [m]."""
     at = (points - grid.origin) @ grid.axes / grid.spacing - 0.5
     nearest = _search(at, grid.lookup, grid.spacing)
     if (far := nearest < 0).any():
@@ -57,8 +58,8 @@ def closest_voxels(grid: Grid, points: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _search(at, lookup, spacing):
-    """The nearest voxel (s,) to places in index coordinates (s, 3), −1 if it is not among the 5³ cells around."""
+def _search(at: NDArray[np.float64], lookup: NDArray[np.int32], spacing: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the nearest voxel (s,) to places in index coordinates (s, 3), −1 if it is not in the 5³ cells around."""
     nearest = np.full(len(at), -1, np.int64)
     for s in range(len(at)):
         base = (round(at[s, 0]), round(at[s, 1]), round(at[s, 2]))
@@ -83,7 +84,9 @@ def _patterns(weights: csr_array) -> np.ndarray:
 
 
 @njit(cache=True)
-def _sum_keys(indptr, indices, data, keys):
+def _sum_keys(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], data: NDArray, keys: NDArray[np.uint64]
+) -> NDArray[np.uint64]:
     pattern = np.zeros(len(indptr) - 1, np.uint64)
     for v in range(len(pattern)):
         for k in range(indptr[v], indptr[v + 1]):

@@ -16,11 +16,11 @@ from mjframes.volume.grid import Grid
 
 
 def linear_weights(grid: Grid, placement: Placement, axis: int | None = None) -> sparse.csr_array:
-    """The frames' weights at the voxel centres, (n, f) with sorted indices.
+    """Return the frames' weights at the voxel centres, (n, f) with sorted indices.
 
     axis: index axis 0, 1 or 2; that of the largest extent of the frames' centres unless given.
     A rigid piece has the weights of its centroid.
-    Raises MjframesError if two frames share a place along the axis.
+    Raise MjframesError if two frames share a place along the axis.
     """
     if axis is None:
         axis = int(np.argmax(np.ptp(placement.centers @ grid.axes, axis=0)))

@@ -13,7 +13,7 @@ Kernel = tuple[NDArray[np.int32], NDArray[np.float32]]  # nodes (b,) where it is
 
 
 def partition_of_unity(kernels: list[Kernel], node: NDArray[np.int32]) -> sparse.csr_array:
-    """Weights (n, f) with sorted indices from the kernels of f frames, which are used up: the list is empty after.
+    """Return weights (n, f) with sorted indices from the kernels of f frames, which are used up: the list ends empty.
 
     node: (n,) the voxel whose weights each voxel has: itself, or for a rigid piece always the same.
     """
@@ -41,13 +41,20 @@ def partition_of_unity(kernels: list[Kernel], node: NDArray[np.int32]) -> sparse
 
 
 @njit(cache=True, nogil=True)
-def _add(nodes, values, total):
+def _add(nodes: NDArray[np.int32], values: NDArray[np.float32], total: NDArray[np.float64]) -> None:
     for b in range(len(nodes)):
         total[nodes[b]] += values[b]
 
 
 @njit(cache=True, nogil=True)
-def _drop_negligible(nodes, values, total, kept, count):
+def _drop_negligible(
+    nodes: NDArray[np.int32],
+    values: NDArray[np.float32],
+    total: NDArray[np.float64],
+    kept: NDArray[np.float64],
+    count: NDArray[np.int32],
+) -> None:
+    """Set negligible values to 0; add the others to kept (n,), and how many they are to count (n,)."""
     for b in range(len(nodes)):
         v = nodes[b]
         if values[b] < NEGLIGIBLE_WEIGHT * total[v]:
@@ -58,7 +65,17 @@ def _drop_negligible(nodes, values, total, kept, count):
 
 
 @njit(cache=True, nogil=True)
-def _fill(nodes, values, i, kept, indptr, count, indices, data):
+def _fill(
+    nodes: NDArray[np.int32],
+    values: NDArray[np.float32],
+    i: int,
+    kept: NDArray[np.float64],
+    indptr: NDArray[np.integer],
+    count: NDArray[np.int32],
+    indices: NDArray[np.int32],
+    data: NDArray[np.float64],
+) -> None:
+    """Write the weights of frame i, values / kept (n,), behind the count (n,) that each row has already."""
     for b in range(len(nodes)):
         v = nodes[b]
         if values[b] > 0:
@@ -69,7 +86,10 @@ def _fill(nodes, values, i, kept, indptr, count, indices, data):
 
 
 @njit(cache=True, nogil=True)
-def _copy_to_pieces(node, indptr, indices, data):
+def _copy_to_pieces(
+    node: NDArray[np.int32], indptr: NDArray[np.integer], indices: NDArray[np.int32], data: NDArray[np.float64]
+) -> None:
+    """Copy the row of node[v] to v."""
     for v in range(len(node)):
         u = node[v]
         if u != v:

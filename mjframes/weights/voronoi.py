@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -34,9 +34,10 @@ from mjframes.weights.partition import Kernel, partition_of_unity
 class Scratch(NamedTuple):
     """What one thread keeps for each of the n voxels between frames; the last five only where bands are halved.
 
-    distance, rank, visited: of a sweep; distance is inf where unvisited.  zone: the band, 0 in none.
-    high, low: distance to the surfaces of the larger and of the smaller value [m/Pa]; link_…: links to them and to the
-    one in the middle [m/Pa], inf without.
+    distance, rank, visited: of a sweep; distance is inf where unvisited.
+    zone: the band, 0 in none.
+    high, low: distance to the surfaces of the larger and of the smaller value [m/Pa].
+    link_high, link_low, link_middle: links to them and to the one in the middle [m/Pa], inf without.
     """
 
     distance: NDArray[np.float64]
@@ -51,7 +52,7 @@ class Scratch(NamedTuple):
 
 
 def voronoi_weights(grid: Grid, placement: Placement, subdivisions: int = 1) -> sparse.csr_array:
-    """The frames' weights at the voxel centres, (n, f) with sorted indices."""
+    """Return the frames' weights at the voxel centres, (n, f) with sorted indices."""
     graph = voxel_graph(grid)
     kernels, node = _kernels(graph, placement, subdivisions), graph.node
     del graph  # the memory is needed
@@ -91,7 +92,7 @@ def _scratch(n: int, subdivisions: int) -> Scratch:
 
 
 @njit(cache=True, nogil=True)
-def _sort_by_label(label, end, nodes):
+def _sort_by_label(label: NDArray[np.int32], end: NDArray[np.int64], nodes: NDArray[np.int32]) -> None:
     """Counting sort: label i's nodes become nodes[end[i − 1]:end[i]]."""
     for v in range(len(label)):
         if label[v] >= 0:
@@ -104,7 +105,9 @@ def _sort_by_label(label, end, nodes):
 
 
 @njit(cache=True, nogil=True)
-def _kernel(graph, near, cell, subdivisions, s):
+def _kernel(
+    graph: VoxelGraph, near: NDArray[np.float64], cell: NDArray[np.int32], subdivisions: int, s: Scratch
+) -> Kernel:
     """Frame i's kernel: the nodes (b,) to which it extends, those of its cell first, and its values there.
 
     near: (n,) distance to the nearest seed.  Scratch is left as it was found.
@@ -152,7 +155,15 @@ def _kernel(graph, near, cell, subdivisions, s):
 
 
 @njit(cache=True, nogil=True)
-def _front(graph, near, members, high, rejected, rejected_at, s):
+def _front(
+    graph: VoxelGraph,
+    near: NDArray[np.float64],
+    members: NDArray[np.int32],
+    high: NDArray[np.float64],
+    rejected: NDArray[np.int32],
+    rejected_at: NDArray[np.float64],
+    s: Scratch,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Distance to the surface that bounds a band, and how far beyond it the first nodes outside are.
 
     The bounding surface is halfway between the band's upper one and the other seeds. Nodes (b,) outside all bands that
@@ -200,8 +211,15 @@ def _front(graph, near, members, high, rejected, rejected_at, s):
 
 
 @njit(cache=True, nogil=True)
-def _next_band(graph, near, arrived, arrival, base, s):
-    """The nodes of the band beyond; and those (r,) beyond even that to which its upper surface has links, and these."""
+def _next_band(
+    graph: VoxelGraph,
+    near: NDArray[np.float64],
+    arrived: NDArray[np.int32],
+    arrival: NDArray[np.float64],
+    base: int,
+    s: Scratch,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+    """Return the next band's nodes; and those (r,) beyond even that to which its upper surface has links, and these."""
     count, refused = 0, 0
     rejected, rejected_at = np.empty(len(arrived), np.int32), np.empty(len(arrived))
     for b in range(len(arrived)):
@@ -226,7 +244,7 @@ def _next_band(graph, near, arrived, arrival, base, s):
 
 
 @njit(cache=True, nogil=True)
-def _halve(graph, members, base, s):
+def _halve(graph: VoxelGraph, members: NDArray[np.int32], base: int, s: Scratch) -> None:
     """Every zone of a band becomes two, with the Voronoi surface between its two surfaces in the middle."""
     count = 0
     for u in members:
@@ -266,7 +284,14 @@ def _halve(graph, members, base, s):
 
 
 @njit(cache=True, nogil=True)
-def _extrapolate(graph, near, arrived, arrival, top, s):
+def _extrapolate(
+    graph: VoxelGraph,
+    near: NDArray[np.float64],
+    arrived: NDArray[np.int32],
+    arrival: NDArray[np.float64],
+    top: float,
+    s: Scratch,
+) -> Kernel:
     """Nodes beyond the last surface where the kernel is not 0 yet, and its values there."""
     count = 0
     for b in range(len(arrived)):
@@ -287,7 +312,8 @@ def _extrapolate(graph, near, arrived, arrival, top, s):
 
 
 @njit(cache=True, nogil=True)
-def _append(array, count, value):
+def _append(array: NDArray[np.int32], count: int, value: Any) -> tuple[NDArray[np.int32], int]:
+    """Append a value to the first `count` of an array, which doubles where it is full."""
     if count == len(array):
         larger = np.empty(2 * count, array.dtype)
         larger[:count] = array

@@ -25,7 +25,10 @@ MOST_SUBDIVISIONS = 20  # surfaces every millionth: far beyond any voxel
 
 @dataclass(frozen=True)
 class Voronoi:
-    """The paper's kernels (§4.3).  subdivisions: of the intervals between the frames' cells, 1 to 20."""
+    """The paper's kernels (§4.3).
+
+    subdivisions: of the intervals between the frames' cells, 1 to 20.
+    """
 
     subdivisions: int = 1
 
@@ -74,12 +77,12 @@ def frame_weights(grid: Grid, placement: Placement, weights: Weights) -> sparse.
 
 
 def frame_count(weights: sparse.csr_array) -> int:
-    """f of weights (n, f)."""
+    """Return f of weights (n, f)."""
     return int(weights.shape[1])  # pyright: ignore[reportOptionalSubscript]  SciPy's own annotation allows None
 
 
 def weights_at(weights: sparse.csr_array, voxels: ArrayLike, frames: ArrayLike) -> NDArray[np.float64]:
-    """Dense (v, i): the weights of some frames at some voxels."""
+    """Return the weights (v, i) of some frames at some voxels, dense."""
     return _gather(weights.indptr, weights.indices, weights.data, np.asarray(voxels), column_of(weights, frames))
 
 
@@ -90,7 +93,7 @@ def weight_gradients(
     frames: ArrayLike,
     within: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float64]:
-    """Gradients (v, i, 3) [1/m] of some frames' weights at some voxel centres, in volume coordinates.
+    """Return gradients (v, i, 3) [1/m] of some frames' weights at some voxel centres, in volume coordinates.
 
     Along an index axis with step h the slope towards a face neighbour n of u is ± (w_n − w_u)/h · 2 c_u/(c_u + c_n):
     the share of the step that falls to u's compliance c_u, exact for weights linear in compliance distance, 0 in rigid
@@ -111,7 +114,7 @@ def weight_gradients(
 
 
 def column_of(weights: sparse.csr_array, frames: ArrayLike) -> NDArray[np.int64]:
-    """(f,) the place of each frame in `frames`, −1 if it is not there."""
+    """Return the place (f,) of each frame in `frames`, −1 if it is not there."""
     chosen = np.asarray(frames)
     column = np.full(frame_count(weights), -1, np.int64)
     column[chosen] = np.arange(len(chosen))
@@ -119,7 +122,14 @@ def column_of(weights: sparse.csr_array, frames: ArrayLike) -> NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
-def _gather(indptr, indices, data, voxels, column):
+def _gather(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    voxels: NDArray[np.integer],
+    column: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Return (v, i) the weights at the voxels, of the frames with a column ≥ 0."""
     dense = np.zeros((len(voxels), column.max() + 1))
     for a in range(len(voxels)):
         for k in range(indptr[voxels[a]], indptr[voxels[a] + 1]):
@@ -130,7 +140,21 @@ def _gather(indptr, indices, data, voxels, column):
 
 
 @njit(cache=True, nogil=True)
-def _slopes(indptr, indices, data, voxels, column, own, index, padded, compliance, material, spacing, within):
+def _slopes(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    data: NDArray,
+    voxels: NDArray[np.integer],
+    column: NDArray[np.int64],
+    own: NDArray[np.float64],
+    index: NDArray[np.int32],
+    padded: NDArray[np.int32],
+    compliance: NDArray[np.float64],
+    material: NDArray[np.unsignedinteger],
+    spacing: NDArray[np.float64],
+    within: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """Return (v, i, 3) slopes along the index axes [1/m]. own: (v, i) weights.  within: (n,), empty for no labels."""
     frames = own.shape[1]
     slope = np.zeros((len(voxels), frames, 3))
     along = np.empty(frames)

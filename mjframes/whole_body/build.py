@@ -35,8 +35,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FiniteElements:
-    """What does not depend on the frames.  solver: of the voxels.  held: how many pieces are.
-    cases: loads.  exact: (n, 3, c) float32, how they move the voxels [m], in volume coordinates.
+    """What does not depend on the frames.
+
+    solver: of the voxels.
+    held: how many pieces are.
+    cases: loads.
+    exact: (n, 3, c) float32, how they move the voxels [m], in volume coordinates.
     """
 
     solver: BodySolver
@@ -47,8 +51,13 @@ class FiniteElements:
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """stiffness: of the regions.  region: (n,) of each voxel.  shapes: weights that follow the body.
-    lifting: what the body moves beyond them.  error: against the finite elements.
+    """The body condensed to its frames.
+
+    stiffness: of the regions.
+    region: (n,) of each voxel.
+    shapes: weights that follow the body.
+    lifting: what the body moves beyond them.
+    error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
     cells: where a hyperelastic law is evaluated, None for the corotational one.
     """

@@ -47,9 +47,10 @@ SEEN = 1e-10  # [-] eigenvalue of a scaled matrix that counts as zero
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Of r regions; m is the number of a region's control points, q that of its cells.
+    """The cells of r regions; m is the number of a region's control points, q that of its cells.
 
-    volume: (q,) V_q, the cells' volumes times s [m³].  material: (q,) places in the grid's table.
+    volume: (q,) V_q, the cells' volumes times s [m³].
+    material: (q,) places in the grid's table.
     slope: (q, 9, 3m) E_q [1/m], row 3a + b for ∂u_a/∂p_b, in volume coordinates.
     remainder: (3m, 3m) K_r [N/m].
     """
@@ -137,8 +138,11 @@ def _members(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:
 class _Fit:
     """The regression on a region's m points, of gradients first in `kept`, then in `root`, motions of the points.
 
-    rigid: (9, 3m) T M⁺ of rigid motions.  kept: (3m, i).  of_kept: (i, 3m) its inverse, blind to rigid motions.
-    root: (3m, z) of unit, independent motions.  of_root: (z, 3m) their regression, blind to all others.
+    rigid: (9, 3m) T M⁺ of rigid motions.
+    kept: (3m, i).
+    of_kept: (i, 3m) its inverse, blind to rigid motions.
+    root: (3m, z) of unit, independent motions.
+    of_root: (z, 3m) their regression, blind to all others.
     """
 
     rigid: Array

@@ -58,8 +58,11 @@ class BodyError:
 
 @dataclass(frozen=True, eq=False)
 class LoadCases:
-    """force: (n, 3, c) float32 [N] on the voxels, in volume coordinates; balanced where nothing is held.
-    weights: how many cases, the first ones, are own weights.  far: (c, n) the voxels that count.
+    """Forces under which the error is measured.
+
+    force: (n, 3, c) float32 [N] on the voxels, in volume coordinates; balanced where nothing is held.
+    weights: how many cases, the first ones, are own weights.
+    far: (c, n) the voxels that count.
     """
 
     force: NDArray[np.float32]

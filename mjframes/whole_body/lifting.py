@@ -35,10 +35,11 @@ SLIGHT = 1e-3  # [-] rms of a mode, to that of the region's motion, below which 
 
 @dataclass(frozen=True, eq=False)
 class Lifting:
-    """Of r regions with q modes at most.
+    """How r regions move with q modes at most.
 
     mode: (n, 3, q) float32 Φ at the voxels' centres, of the voxel's region, in volume coordinates, 1 at most, 0 for
-    modes that a region has not.  share: for each region T (q, 3m), of its control points in their order.
+    modes that a region has not.
+    share: for each region T (q, 3m), of its control points in their order.
     """
 
     mode: NDArray[np.float32] = field(metadata={"kept": np.float16})

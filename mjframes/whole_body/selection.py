@@ -30,14 +30,18 @@ LOOSE = 1e-11  # [-] eigenvalue of a scaled stiffness that counts as zero; round
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one frame adds.  points: (m,) control points, those of its parents first.  matrix: (3m, 3m) K_i [N/m]."""
+    """What one frame adds.
+
+    points: (m,) control points, those of its parents first.
+    matrix: (3m, 3m) K_i [N/m].
+    """
 
     points: NDArray[np.int64]
     matrix: Array
 
 
 def families(coupled: Iterable[NDArray[np.integer]], frames: int) -> list[list[int]]:
-    """pa(i) of each of `frames` frames, ascending, numbered so that parents come before children.
+    """Return pa(i) of each of `frames` frames, ascending, numbered so that parents come before children.
 
     coupled: sets of frames that share a voxel.
     """
@@ -53,7 +57,7 @@ def families(coupled: Iterable[NDArray[np.integer]], frames: int) -> list[list[i
 
 
 def select(matrix: Array, control: ControlPoints, parents: Sequence[Sequence[int]]) -> list[Part]:
-    """K_i of each frame whose parents are given, from K (3k, 3k)."""
+    """Return K_i of each frame whose parents are given, from K (3k, 3k)."""
     points = [np.flatnonzero(np.isin(control.frame, [*some, i])) for i, some in enumerate(parents)]
     condensed = _condense(matrix, points)
     return [

@@ -98,12 +98,12 @@ def superelement(
 
 
 def degrees(points: NDArray[np.integer]) -> NDArray[np.int64]:
-    """(3m,) the degrees of freedom of control points (m,)."""
+    """Return the degrees of freedom (3m,) of control points (m,)."""
     return (3 * np.asarray(points)[:, None] + np.arange(3)).ravel()
 
 
 def scaled_eigenvectors(matrix: Array) -> tuple[Array, Array]:
-    """λ (n,), ascending, and S V (n, n) with S A S = V λ Vᵀ, whose diagonal is ones; A⁻¹ = S V λ⁻¹ (S V)ᵀ.
+    """Return λ (n,), ascending, and S V (n, n) with S A S = V λ Vᵀ, whose diagonal is ones; A⁻¹ = S V λ⁻¹ (S V)ᵀ.
 
     So what is soft is told from what is nothing, however much stiffer the rest is. NOTHING on the diagonal is 0.
     """
@@ -118,7 +118,7 @@ def scaled_eigenvectors(matrix: Array) -> tuple[Array, Array]:
 def moments(
     grid: Grid, weights: sparse.csr_array, control: ControlPoints, solver: BodySolver
 ) -> tuple[sparse.csr_array, Array]:
-    """The functionals B (N, k) on one component of nodal displacements, and G (k, k) their values on the weights.
+    """Return the functionals B (N, k) on one component of nodal displacements, and their values G (k, k) on weights.
 
     A voxel counts with its own extent h: a mean over it of Φ_j times a field that is linear along the axes is the mean
     over its corners of the field times Φ_j a third of the way there. Sheets of one voxel need that.
@@ -141,8 +141,8 @@ def moments(
 
 
 def frame_motions(control: ControlPoints, types: Sequence[str], rest: Array, held: int, first: int = 0) -> Array:
-    """(3k, q) orthonormal: what the points of the frames from `first` on can do: anything, or, where a frame is rigid
-    or one of the first `held`, its rigid motions.  rest: (k, 3), along any axes.
+    """Return (3k, q) orthonormal: what the points of the frames from `first` on can do: anything, or, where a frame is
+    rigid or one of the first `held`, its rigid motions.  rest: (k, 3), along any axes.
     """
     blocks = [np.zeros((3 * np.count_nonzero(control.frame < first), 0))]
     for i in range(first, len(types)):

@@ -25,7 +25,7 @@ NO_COLOR = (0.0, 0.0, 0.0, 0.0)  # of lines in a legend that are only text
 
 
 def categorical(count: int) -> NDArray[np.float64]:
-    """(count, 4) colours, those of near numbers far apart: hues in steps of the golden ratio, in three lightnesses."""
+    """Return colours (count, 4), those of near numbers far apart: hues by the golden ratio, in three lightnesses."""
     hue = (0.58 + 0.618034 * np.arange(count)) % 1
     value = np.array([0.88, 0.68, 0.97])[np.arange(count) % 3]
     saturation = np.array([0.62, 0.72, 0.38])[np.arange(count) % 3]
@@ -33,7 +33,7 @@ def categorical(count: int) -> NDArray[np.float64]:
 
 
 def graded(values: NDArray[np.float64], norm: Normalize, scheme: str) -> NDArray[np.float64]:
-    """(n, 4) colours of values (n,)."""
+    """Return the colours (n, 4) of values (n,)."""
     import matplotlib
 
     return np.asarray(matplotlib.colormaps[scheme](norm(values)))
@@ -48,7 +48,7 @@ def color_bar(
     ticks: Sequence[float] | None = None,
     form: Formatter | None = None,
 ) -> Key:
-    """A key with a bar of colours and, beside it, names of single colours. ticks, form: of the bar's scale."""
+    """Return a key with a bar of colours and, beside it, names of single colours. ticks, form: of the bar's scale."""
 
     def draw(figure: Figure, place: Place) -> None:
         from matplotlib.cm import ScalarMappable
@@ -72,7 +72,7 @@ def color_bar(
 
 
 def name_list(legend: Legend) -> Key:
-    """A key that only names colours."""
+    """Return a key that only names colours."""
 
     def draw(figure: Figure, place: Place) -> None:
         draw_legend(figure, place, legend)
@@ -81,7 +81,7 @@ def name_list(legend: Legend) -> Key:
 
 
 def draw_legend(figure: Figure, place: Place, legend: Legend) -> None:
-    """Names and their colours, as many as the place has room for."""
+    """Draw names and their colours, as many as the place has room for."""
     from matplotlib.colors import to_hex
     from matplotlib.lines import Line2D
 

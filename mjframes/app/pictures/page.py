@@ -46,9 +46,12 @@ SOFT_GLASS, RIGID_GLASS = (0.55, 0.62, 0.72), (0.25, 0.22, 0.18)
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Points, drawn through the surface and on the slices they are near to. at: (m, 3) volume coordinates [m].
+    """Points, drawn through the surface and on the slices they are near to.
 
-    colors: (m, 4).  size: of each dot [points].  numbers: (m,) to write into them, or None.
+    at: (m, 3) volume coordinates [m].
+    colors: (m, 4).
+    size: of each dot [points].
+    numbers: (m,) to write into them, or None.
     """
 
     at: NDArray[np.float64]
@@ -57,16 +60,20 @@ class Marks:
     numbers: NDArray[np.integer] | None
 
     def among(self, chosen: NDArray[np.bool_]) -> Marks:
-        """Those of chosen (m,)."""
+        """Return those of chosen (m,)."""
         numbers = None if self.numbers is None else self.numbers[chosen]
         return replace(self, at=self.at[chosen], colors=self.colors[chosen], numbers=numbers)
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A field on n voxels. name: of the file.  colors: (n, 4); empty for a body of glass.  key: what the colours mean.
+    """A field on n voxels.
 
-    lines: (n,) numbers, with dark lines where they change.  contours: a field (n,) and levels.
+    name: of the file.
+    colors: (n, 4); empty for a body of glass.
+    key: what the colours mean.
+    lines: (n,) numbers, with dark lines where they change.
+    contours: a field (n,) and levels.
     through: (3,) the voxel index where the slices cut.
     """
 
@@ -81,7 +88,7 @@ class Picture:
 
 
 def draw_page(figure: Figure, picture: Picture, grid: Grid, shots: tuple[Shot, Shot], caption: str) -> None:
-    """Draws on an empty figure of WIDTH × HEIGHT."""
+    """Draw a picture on an empty figure of WIDTH × HEIGHT."""
     draw_title(figure, picture.title, caption)
     for number, shot in enumerate(shots):
         bottom = HEIGHT - 0.75 - (number + 1) * (VIEW[1] + 0.1)
@@ -95,7 +102,7 @@ def draw_page(figure: Figure, picture: Picture, grid: Grid, shots: tuple[Shot, S
 
 
 def draw_title(figure: Figure, title: str, caption: str) -> None:
-    """The two lines at the top of every page."""
+    """Draw the two lines at the top of every page."""
     figure.text(0.25 / WIDTH, 1 - 0.33 / HEIGHT, title, size=15, weight="bold", va="center")
     figure.text(0.25 / WIDTH, 1 - 0.6 / HEIGHT, caption, size=9, color="0.35", va="center")
 

@@ -22,24 +22,24 @@ Extent = tuple[float, float, float, float]  # left, right, bottom, top [mm]
 
 
 def directions(grid: Grid) -> NDArray[np.float64]:
-    """(3, 3) the image's axes as columns, each turned to point the way of the volume's axis nearest to it."""
+    """Return (3, 3) the image's axes as columns, each turned to point the way of the volume's axis nearest to it."""
     nearest = np.abs(grid.axes).argmax(axis=0)
     return grid.axes * np.sign(grid.axes[nearest, np.arange(3)])
 
 
 def axis_order(grid: Grid) -> list[int]:
-    """The image's axes from the one nearest to the volume's x to the one nearest to its z."""
+    """Return the image's axes from the one nearest to the volume's x to the one nearest to its z."""
     return sorted(range(3), key=lambda a: (int(np.abs(grid.axes[:, a]).argmax()), a))
 
 
 def axis_name(grid: Grid, axis: int) -> str:
-    """What an axis of the image is called: "x" along the volume's, "x′" near to it."""
+    """Return what an axis of the image is called: "x" along the volume's, "x′" near to it."""
     place = axis_order(grid).index(axis)
     return "xyz"[place] + ("" if np.abs(grid.axes[:, axis]).max() > 1 - 1e-6 else "′")
 
 
 def bounds(grid: Grid) -> NDArray[np.float64]:
-    """(2, 3) coordinates of where the voxels begin and end in the order of their indices, along each axis [mm]."""
+    """Return coordinates (2, 3) of where the voxels begin and end in the order of their indices, on each axis [mm]."""
     ends = np.stack([grid.index.min(axis=0), grid.index.max(axis=0) + 1]) * grid.spacing
     turned = directions(grid)
     return MM * (grid.origin @ turned + ends * np.sign(np.sum(turned * grid.axes, axis=0)))
@@ -55,7 +55,7 @@ def draw_cut(
     lines: NDArray[np.integer] | None,
     contours: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
 ) -> None:
-    """The slice with index `number` across the third axis, of axes `right` and `up`: colors (n, 4) of the voxels.
+    """Draw the slice with index `number` across the third axis, of axes `right` and `up`: colors (n, 4) of the voxels.
 
     lines: (n,) numbers, with dark lines where they change.  contours: a field (n,) and levels.
     """
@@ -76,7 +76,7 @@ def draw_cut(
 def draw_radiograph(
     axes: Axes, grid: Grid, right: int, up: int, some: NDArray[np.bool_], color: tuple[float, float, float]
 ) -> None:
-    """How much of the voxels `some` (n,) lies behind each point, in the outline of all."""
+    """Draw how much of the voxels `some` (n,) lies behind each point, in the outline of all."""
     voxel = _cropped(grid)
     across = 3 - right - up
     thickness = ((voxel >= 0) & some[voxel]).sum(axis=across)
@@ -92,7 +92,7 @@ def draw_radiograph(
 
 
 def draw_contours(axes: Axes, values: np.ma.MaskedArray, levels: NDArray[np.float64], place: Extent) -> None:
-    """Thin lines where values (rows, columns), at the centres of pixels, have one of the levels."""
+    """Draw thin lines where values (rows, columns), at the centres of pixels, have one of the levels."""
     if min(values.shape) < 2 or not np.any((levels > values.min()) & (levels < values.max())):
         return
     left, right, bottom, top = place

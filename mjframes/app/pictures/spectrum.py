@@ -22,12 +22,12 @@ NULL = 1e-9  # [-] of the largest eigenvalue: smaller ones are motions without e
 
 
 def region_spectra(body: SoftBody) -> list[NDArray[np.float64]]:
-    """Of each region the eigenvalues (3m,) of K_e [N/m], ascending."""
+    """Return the eigenvalues (3m,) of each region's K_e [N/m], ascending."""
     return [linalg.eigvalsh(matrix) for matrix in body.stiffness.matrix]
 
 
 def natural_frequencies(body: SoftBody) -> NDArray[np.float64]:
-    """Those of small motions about rest [Hz], ascending, fixed frames held; 0 where motion takes no energy."""
+    """Return those of small motions about rest [Hz], ascending, fixed frames held; 0 where motion takes no energy."""
     k = len(body.control.mass)
     stiffness = np.zeros((3 * k, 3 * k))
     for points, matrix in zip(body.stiffness.points, body.stiffness.matrix, strict=True):
@@ -49,7 +49,7 @@ def natural_frequencies(body: SoftBody) -> NDArray[np.float64]:
 
 
 def draw_spectrum(figure: Figure, body: SoftBody, caption: str) -> None:
-    """Three graphs on an empty figure."""
+    """Draw three graphs on an empty figure."""
     from matplotlib.ticker import MaxNLocator
 
     draw_title(figure, "Regions: error and stiffness", caption)

@@ -29,22 +29,27 @@ GLASS = np.array([0.35, 0.45, 0.6])
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Orthographic. right, up, toward: (3,) orthonormal; toward points at the viewer."""
+    """An orthographic camera.
+
+    right, up, toward: (3,) orthonormal; toward points at the viewer.
+    """
 
     right: Float
     up: Float
     toward: Float
 
     def project(self, points: Float) -> Float:
-        """(s, 2) where points (s, 3) appear [m]."""
+        """Return where points (s, 3) appear, (s, 2) [m]."""
         return points @ np.stack([self.right, self.up], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A surface as a camera sees it, row 0 at the bottom. extent: left, right, bottom, top [m].
+    """A surface as a camera sees it, row 0 at the bottom.
 
-    voxel: (h, w) int32, −1 in the background.  facing: (h, w) cosine between normal and view.
+    extent: left, right, bottom, top [m].
+    voxel: (h, w) int32, −1 in the background.
+    facing: (h, w) cosine between normal and view.
     edge: (h, w) bool, where something is in front of something farther.
     """
 
@@ -56,7 +61,7 @@ class Shot:
 
 
 def cameras(vertices: Float) -> tuple[Camera, Camera]:
-    """Two opposite cameras that look at the broad side of a surface (s, 3) at a slant, z upwards where that can be."""
+    """Return two opposite cameras that look at the broad side of a surface (s, 3) at a slant, z upwards if possible."""
     order = np.argsort(np.ptp(vertices, axis=0), kind="stable")
     toward = np.zeros(3)
     toward[order] = 0.75, 0.55, 0.36
@@ -73,7 +78,7 @@ def _camera(toward: Float) -> Camera:
 
 
 def shoot(camera: Camera, vertices: Float, faces: NDArray[np.integer], grid: Grid, width: int, height: int) -> Shot:
-    """The closed surface (s, 3), (t, 3) of the grid's voxels, as large as width × height pixels allow."""
+    """Return the closed surface (s, 3), (t, 3) of the grid's voxels, as large as width × height pixels allow."""
     size = np.array([width, height]) * SUPERSAMPLING
     flat = camera.project(vertices)
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -99,7 +104,7 @@ def shoot(camera: Camera, vertices: Float, faces: NDArray[np.integer], grid: Gri
 
 
 def paint(shot: Shot, colors: Float, lines: NDArray[np.integer] | None = None) -> Float:
-    """RGBA (h, w, 4) of the surface with colors (n, 4) on the voxels; dark lines where `lines` (n,) changes."""
+    """Return RGBA (h, w, 4) of the surface with colors (n, 4) on the voxels; dark lines where `lines` (n,) changes."""
     seen = shot.voxel >= 0
     image = np.zeros((*shot.voxel.shape, 4))
     image[seen] = colors[shot.voxel[seen]]
@@ -114,7 +119,7 @@ def paint(shot: Shot, colors: Float, lines: NDArray[np.integer] | None = None) -
 
 
 def glass(shot: Shot) -> Float:
-    """RGBA (h, w, 4) of the surface as thin glass: opaque where it is seen edge-on."""
+    """Return RGBA (h, w, 4) of the surface as thin glass: opaque where it is seen edge-on."""
     image = np.zeros((*shot.voxel.shape, 4))
     image[..., :3] = GLASS
     image[..., 3] = (shot.voxel >= 0) * (0.06 + 0.5 * (1 - np.clip(shot.facing, 0, 1)) ** 2)
@@ -123,7 +128,7 @@ def glass(shot: Shot) -> Float:
 
 
 def field_image(shot: Shot, grid: Grid, field: Float) -> np.ma.MaskedArray:
-    """(h, w) of a field (n,) on the surface, smoothed over a voxel, so that its contours have no steps."""
+    """Return (h, w) of a field (n,) on the surface, smoothed over a voxel, so that its contours have no steps."""
     seen = (shot.voxel >= 0).astype(np.float64)
     width = 0.7 * grid.spacing.max() / ((shot.extent[1] - shot.extent[0]) / shot.voxel.shape[1])
     share = ndimage.gaussian_filter(seen, width)
@@ -133,7 +138,7 @@ def field_image(shot: Shot, grid: Grid, field: Float) -> np.ma.MaskedArray:
 
 
 def radiograph(shot: Shot, grid: Grid, some: NDArray[np.bool_], color: tuple[float, float, float]) -> Float:
-    """RGBA (h, w, 4), in the shot's extent, of how much of the voxels `some` (n,) lies behind each point."""
+    """Return RGBA (h, w, 4), in the shot's extent, of how much of the voxels `some` (n,) lies behind each point."""
     left, right, bottom, top = shot.extent
     step = float(grid.spacing.min())
     bins = [max(1, int(np.ceil((top - bottom) / step))), max(1, int(np.ceil((right - left) / step)))]
@@ -181,8 +186,10 @@ def _normals(vertices: Float, faces: NDArray[np.integer]) -> Float:
 
 
 @njit(cache=True)
-def _rasterize(flat, height, faces, normals, depth, normal):
-    """Fills depth (h, w) and normal (h, w, 3), both interpolated; flat (s, 2) in pixels, centres at integers."""
+def _rasterize(
+    flat: Float, height: Float, faces: NDArray[np.integer], normals: Float, depth: Float, normal: Float
+) -> None:
+    """Fill depth (h, w) and normal (h, w, 3), both interpolated; flat (s, 2) in pixels, centres at integers."""
     rows, columns = depth.shape
     for t in range(len(faces)):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]

@@ -18,7 +18,7 @@ CHUNK = 8  # runs that a process is given at a time: about as many share a body
 
 
 def main(folder: Path, quick: bool = False) -> int:
-    """Runs the cases, prints the table and writes it, with a CSV and a map, into the folder; returns the exit code."""
+    """Run the cases, print the table and write it, with a CSV and a map, into the folder; return the exit code."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -41,7 +41,7 @@ def main(folder: Path, quick: bool = False) -> int:
 
 
 def run_all(cases: Sequence[Case], advance: Callable[[], object] = lambda: None) -> list[Outcome]:
-    """The outcomes in the order of the cases, on all processors; calls `advance` after each."""
+    """Return the outcomes in the order of the cases, run on all processors; call `advance` after each."""
     workers = min(os.cpu_count() or 1, max(1, len(cases) // CHUNK))
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_quiet) as pool:
         outcomes = []

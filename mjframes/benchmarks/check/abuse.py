@@ -69,7 +69,10 @@ CLOTH = 'spacing=".03 .03 .03" pos="-.06 0 .26" mass=".03" radius=".002"'
 
 @dataclass(frozen=True)
 class Report:
-    """What became of programs. edits: how many ran.  failures: a sentence each, with the seed of its program.
+    """What became of programs.
+
+    edits: how many ran.
+    failures: a sentence each, with the seed of its program.
     said: how often each warning and refusal was told.
     """
 

@@ -37,7 +37,11 @@ DISTURBANCES = (*FREE, IMPACT, HEAVY, LIGHT)
 
 @dataclass(frozen=True)
 class Kind:
-    """A body but for its stiffness. frames: their types.  two: materials, half and half.  integrator: MuJoCo's.
+    """A body but for its stiffness.
+
+    frames: their types.
+    two: materials, half and half.
+    integrator: MuJoCo's.
     method: of `build`.
     """
 
@@ -69,7 +73,11 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Case:
-    """One run. young: Young's modulus, of the softer half where there are two [Pa].  timestep: [s]."""
+    """One run.
+
+    young: Young's modulus, of the softer half where there are two [Pa].
+    timestep: [s].
+    """
 
     kind: Kind
     young: float
@@ -78,28 +86,28 @@ class Case:
 
     @property
     def seed(self) -> list[int]:
-        """Of its random state: one of its own, the same each time."""
+        """Return the seed of its random state: one of its own, the same each time."""
         numbers = round(np.log10(self.young)), round(1 / self.timestep)
         return [KINDS.index(self.kind), *numbers, DISTURBANCES.index(self.disturbance)]
 
     @property
     def frequency(self) -> float:
-        """ω of the lowest bending vibration, as if all were as soft as the softer half [rad/s]."""
+        """Return ω of the lowest bending vibration, as if all were as soft as the softer half [rad/s]."""
         return FREE_BEAM * SHAPE[1] * SPACING / 12**0.5 / LENGTH**2 * (self.young / DENSITY) ** 0.5
 
     @property
     def stiffest(self) -> float:
-        """Young's modulus of the stiffer half [Pa]."""
+        """Return Young's modulus of the stiffer half [Pa]."""
         return self.young * (RATIO if self.kind.two else 1)
 
 
 def all_cases() -> list[Case]:
-    """About a thousand."""
+    """Return all cases, about a thousand."""
     return _product(KINDS, YOUNG, STEPS, DISTURBANCES)
 
 
 def few_cases() -> list[Case]:
-    """About a hundred of them."""
+    """Return about a hundred of them."""
     kinds = [kind for kind in KINDS if kind.name in ("corotational", "neo-hookean", "mixed frames") or kind.two]
     return _product(kinds, YOUNG[::2], STEPS[1:], ("scrambled", "stretched 10×", IMPACT, HEAVY))
 
@@ -120,7 +128,7 @@ def _product(
 
 @cache
 def body(kind: Kind, young: float) -> SoftBody:
-    """The soft body of a case, without damping."""
+    """Return the soft body of a case, without damping."""
     labels = np.ones(SHAPE, int)
     materials = {1: Material(young, POISSON, DENSITY)}
     if kind.two:

@@ -36,7 +36,7 @@ class World:
         mujoco.mj_forward(self.model, self.data)
 
     def changed(self) -> None:
-        """After changes to the model, which data in use do not see: start anew, as MuJoCo asks for."""
+        """Start anew after changes to the model, which data in use do not see, as MuJoCo asks for."""
         self.data = mujoco.MjData(self.model)
         self.datas += 1
         mujoco.mj_forward(self.model, self.data)

@@ -20,7 +20,8 @@ class End:
     """How a body is when its time is up.
 
     force: the largest elastic one along a degree of freedom, to E times the bar's length squared [-].
-    speed: of the fastest control point [lengths of the bar / s].  energy: elastic, to E times the volume [-].
+    speed: of the fastest control point [lengths of the bar / s].
+    energy: elastic, to E times the volume [-].
     inverted: of the `samples`, at which the law knows F (quadrature points, or regions), and of the `voxels` those with
     det F < 0.
     earlier: error of the shape at half of the damped part [-].
@@ -37,7 +38,11 @@ class End:
 
 @dataclass(frozen=True)
 class Evidence:
-    """steps: taken in all.  time: they took [s].  stiffness: the largest h²K/m found [-].
+    """What was measured of a run.
+
+    steps: taken in all.
+    time: they took [s].
+    stiffness: the largest h²K/m found [-].
     rounding: what that may leave in the solution of a step, nv ε h²K/m [-].
     depth: deepest that the bar's middle was found below the floor, to its length [-].
     sank, spun: the first step at which it was DEEP below, and a rigid frame turned faster than FAST; 0 if none did.
@@ -55,26 +60,26 @@ class Evidence:
 
 
 def stiffness_ratio(view: Soft) -> float:
-    """The largest h²K/m along a degree of freedom [-]; needs mj_forward."""
+    """Return the largest h²K/m along a degree of freedom [-]; needs mj_forward."""
     model, data = view.model, view.data
     diagonal = data.M[model.M_rowadr + model.M_rownnz - 1]
     return float((diagonal / model.dof_M0).max())
 
 
 def turn(view: Soft) -> float:
-    """The largest angle that a rigid frame turns by in a step, to its parent [rad]."""
+    """Return the largest angle that a rigid frame turns by in a step, to its parent [rad]."""
     model, data = view.model, view.data
     balls = model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_BALL]
     return float(model.opt.timestep * np.linalg.norm(data.qvel[balls[:, None] + np.arange(3)], axis=1).max(initial=0))
 
 
 def rounding(view: Soft, stiffness: float) -> float:
-    """nv ε h²K/m [-]: the part of the mass that the factors of M + h²K may have lost."""
+    """Return nv ε h²K/m [-]: the part of the mass that the factors of M + h²K may have lost."""
     return float(view.model.nv * np.finfo(float).eps * stiffness)
 
 
 def measure_end(view: Soft, young: float, earlier: float) -> End:
-    """Needs mj_forward; leaves the body at a stop."""
+    """Return how the body is, and leave it at a stop; needs mj_forward."""
     speed = float(np.linalg.norm(view.control_velocities, axis=1).max() / LENGTH)
     energy = view.elastic_energy / (young * VOLUME)
     sampled, everywhere = np.linalg.det(_known_deformations(view)), np.linalg.det(view.deformation_gradients(CENTRES))
@@ -84,7 +89,10 @@ def measure_end(view: Soft, young: float, earlier: float) -> End:
 
 
 def elastic_force(view: Soft) -> float:
-    """The largest along a degree of freedom [N]: a rigid frame's points exert none on each other. Stops the body."""
+    """Return the largest elastic force along a degree of freedom [N]; stop the body.
+
+    A rigid frame's points exert none on each other.
+    """
     view.data.qvel[:] = 0
     mujoco.mj_forward(view.model, view.data)
     return float(np.abs(view.data.qfrc_passive).max())

@@ -33,7 +33,7 @@ POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def draw(outcomes: Sequence[Outcome], title: str, path: Path) -> None:
-    """Raises MjframesError without matplotlib."""
+    """Draw the map of the outcomes as a picture. Raise MjframesError without matplotlib."""
     try:
         from matplotlib.colors import ListedColormap
         from matplotlib.figure import Figure

@@ -23,14 +23,18 @@ LETTERS = {PASSED: "P", SPUN: "S", DIGITS: "D", GREW: "G", INVERTED: "I", FOLDED
 
 @dataclass(frozen=True)
 class Reason:
-    """kind: a sentence that runs share.  numbers: what was measured of this one."""
+    """Why a run does not recover.
+
+    kind: a sentence that runs share.
+    numbers: what was measured of this one.
+    """
 
     kind: str
     numbers: str
 
 
 def reason(outcome: Outcome) -> Reason:
-    """Of a run that does not recover."""
+    """Return why a run does not recover."""
     return _of_lost(outcome) if outcome.evidence.end is None else _of_end(outcome)
 
 

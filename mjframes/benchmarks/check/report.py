@@ -24,7 +24,7 @@ HEADER = (
 
 
 def table(outcomes: Sequence[Outcome]) -> Table:
-    """A line for each body."""
+    """Return a table with a line for each body."""
     shown = Table(title="Stability", title_justify="left", box=None, pad_edge=False)
     shown.add_column("")
     for column in COLUMNS:
@@ -35,13 +35,13 @@ def table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """One line."""
+    """Return one line on all outcomes."""
     survive, recover = sum(o.survives for o in outcomes), sum(o.recovers for o in outcomes)
     return f"{len(outcomes)} runs: {survive} survive, {recover} recover their shape of rest."
 
 
 def failures(outcomes: Iterable[Outcome]) -> dict[str, list[tuple[Case, str]]]:
-    """The runs that do not survive or recover, by kind of reason, each with what was measured of it."""
+    """Return the runs that do not survive or recover, by kind of reason, each with what was measured of it."""
     found: dict[str, list[tuple[Case, str]]] = {}
     for outcome in outcomes:
         if not outcome.recovers:
@@ -51,12 +51,12 @@ def failures(outcomes: Iterable[Outcome]) -> dict[str, list[tuple[Case, str]]]:
 
 
 def heading(kind: str, runs: Sequence[object]) -> str:
-    """Of the failures of one kind."""
+    """Return the heading of the failures of one kind."""
     return f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}: {kind}"
 
 
 def write(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """stability.csv, stability.md and stability.png. Raises MjframesError where one cannot be written."""
+    """Write stability.csv, stability.md and stability.png. Raise MjframesError where one cannot be written."""
     paths = [folder / f"stability.{ending}" for ending in ("csv", "md", "png")]
     with replacing(paths[0], "the table") as partial:
         _write_csv(outcomes, partial)

@@ -13,7 +13,7 @@ CLOSE = 1e-9  # [m] or [rad], of the last change
 
 
 def move_points(view: Soft, target: np.ndarray) -> None:
-    """Sets qpos so that the control points come as near to `target` (k, 3) [m] as the frames can."""
+    """Set qpos so that the control points come as near to `target` (k, 3) [m] as the frames can."""
     model, data = view.model, view.data
     turning = model.jnt_type[model.dof_jntid] != mujoco.mjtJoint.mjJNT_SLIDE
     for _ in range(ITERATIONS):
@@ -27,7 +27,7 @@ def move_points(view: Soft, target: np.ndarray) -> None:
 
 
 def move_with(view: Soft, velocity: np.ndarray) -> None:
-    """Sets qvel so that all control points have this velocity (3,) [m/s]; needs mj_forward."""
+    """Set qvel so that all control points have this velocity (3,) [m/s]; needs mj_forward."""
     velocities = np.tile(velocity, len(view.bodies))
     view.data.qvel[:] = np.linalg.lstsq(_jacobian(view), velocities, rcond=None)[0]
 

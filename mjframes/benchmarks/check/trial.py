@@ -45,11 +45,14 @@ WEIGHT = """<body name="weight" pos="0 0 {height}"><freejoint/>
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one case.
+    """What became of one case.
 
-    survives: finite, within bounds, no warning of MuJoCo.  gain: largest energy to that of the start [-];
-    motion: its part that is not elastic.  error: of the shape at the end, to the bar's length [-].
-    warning: MuJoCo's.  evidence: what else was measured.
+    survives: finite, within bounds, no warning of MuJoCo.
+    gain: largest energy to that of the start [-].
+    motion: its part that is not elastic.
+    error: of the shape at the end, to the bar's length [-].
+    warning: MuJoCo's.
+    evidence: what else was measured.
     """
 
     case: Case
@@ -66,7 +69,7 @@ class Outcome:
 
 
 def run(case: Case) -> Outcome:
-    """From the disturbed start to the end."""
+    """Run a case from the disturbed start to the end."""
     made = body(case.kind, case.young)
     model, data = _scene(case, made)
     view = soft(model, data, "soft")
@@ -126,7 +129,7 @@ def _rests(case: Case, view: Soft) -> bool:
 
 
 def shape_error(made: SoftBody, x: np.ndarray) -> float:
-    """Largest distance of the surface from the one at rest, moved rigidly to fit best, to the bar's length [-]."""
+    """Return the largest distance of the surface from that at rest, rigidly moved to fit, to the bar's length [-]."""
     now, rest = made.skin.weights @ x, made.skin.weights @ made.control.rest
     a, b = now - now.mean(axis=0), rest - rest.mean(axis=0)
     u, _, vt = np.linalg.svd(a.T @ b)

@@ -40,7 +40,7 @@ def write_report(
     """Measure everything and write report.md, report.csv, survey.csv and the figures.
 
     mujoco4: a Python that has MuJoCo 4.0.0, for flex; None leaves flex out.  models: files for Table 2, by model.
-    Raises MjframesError where an extra package is missing, for a Python without flex and for unusable files.
+    Raise MjframesError where an extra package is missing, for a Python without flex and for unusable files.
     """
     try:
         import matplotlib  # noqa: F401

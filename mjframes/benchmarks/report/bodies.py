@@ -28,7 +28,11 @@ STEAK_SPACING = 5e-3  # [m]
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Forces on voxels. kind: "weight", "end" or "push ‹share of the surface›".  force: (n, 3), of any size [N]."""
+    """Forces on voxels.
+
+    kind: "weight", "end" or "push ‹share of the surface›".
+    force: (n, 3), of any size [N].
+    """
 
     name: str
     kind: str
@@ -39,7 +43,8 @@ class Load:
 class Body:
     """One body with all its loads.
 
-    fixed: (nx, ny, nz) voxels that do not move, None for a free body.  ends: (n, 3) forces on its ends, by name.
+    fixed: (nx, ny, nz) voxels that do not move, None for a free body.
+    ends: (n, 3) forces on its ends, by name.
     bound: [-] of the static error that is promised at five frames; against the same mesh where `same_mesh`.
     """
 
@@ -57,19 +62,19 @@ class Body:
 
     @cached_property
     def held(self) -> Mask:
-        """(n,) the voxels that do not move."""
+        """Return which voxels (n,) do not move."""
         if self.fixed is None:
             return np.zeros(len(self.grid.index), bool)
         return self.fixed[tuple(self.grid.index.T)]
 
     @cached_property
     def motions(self) -> Array:
-        """(3n, 6) orthonormal rigid motions of the voxels of a free body; (3n, 0) of one that is held."""
+        """Return orthonormal rigid motions (3n, 6) of the voxels of a free body; (3n, 0) of one that is held."""
         centers = self.grid.centers
         return motion_basis(centers) if self.fixed is None else np.zeros((centers.size, 0))
 
     def apart(self, field: Array) -> Array:
-        """Displacements (n, 3) without rigid motions that nothing holds."""
+        """Return displacements (n, 3) without rigid motions that nothing holds."""
         motions = self.motions
         return field - (motions @ (motions.T @ field.ravel())).reshape(-1, 3)
 
@@ -157,14 +162,14 @@ def _material(young: float, poisson: float = 0.3) -> Material:
 
 
 def beam(poisson: float) -> Body:
-    """A homogeneous bar, six times as long as thick."""
+    """Return a homogeneous bar, six times as long as thick."""
     name = f"beam_{100 * poisson:.0f}"
     materials = {1: _material(1e6, poisson)}
     return _bar(name, f"beam, ν = {poisson:g}", np.ones((36, 6, 6), int), materials, 0.05, _pull_and_shear)
 
 
 def block() -> Body:
-    """A nearly incompressible cube, held below."""
+    """Return a nearly incompressible cube, held below."""
     labels = np.ones((12, 12, 12), np.uint8)
     volume = Volume.from_labels(labels, 0.01, {1: _material(1e5, 0.49)})
     top = voxel_grid(volume).index[:, 2] == 11
@@ -173,14 +178,14 @@ def block() -> Body:
 
 
 def sandwich() -> Body:
-    """Two stiff faces on a core a hundred times softer."""
+    """Return two stiff faces on a core a hundred times softer."""
     labels = np.ones((36, 6, 8), int)
     labels[:, :, 2:6] = 2
     return _bar("sandwich", "sandwich 1:100", labels, {1: _material(1e6), 2: _material(1e4)}, 0.08, _pull_and_shear)
 
 
 def composite() -> Body:
-    """Blocks of 2³ voxels, each of one of 24 materials between 10⁴ and 10⁷ Pa."""
+    """Return blocks of 2³ voxels, each of one of 24 materials between 10⁴ and 10⁷ Pa."""
     rng = np.random.default_rng(3)
     young = 1e4 * 10 ** rng.uniform(0, 3, 24)
     labels = np.kron(rng.integers(1, 25, (12, 4, 4)), np.ones((2, 2, 2), int))
@@ -189,21 +194,21 @@ def composite() -> Body:
 
 
 def graded_bar() -> Body:
-    """A hundred times softer at its end than where it is held."""
+    """Return a bar a hundred times softer at its end than where it is held."""
     labels = np.broadcast_to((1 + np.arange(36) // 2)[:, None, None], (36, 6, 6))
     materials = {1 + i: _material(1e6 * 100 ** (-i / 17)) for i in range(18)}
     return _bar("graded_bar", "bar graded along it 1:100", labels, materials, 0.05, _pull_and_shear)
 
 
 def graded_plate() -> Body:
-    """Fifty times stiffer at one of its long edges than at the other."""
+    """Return a plate fifty times stiffer at one of its long edges than at the other."""
     labels = np.broadcast_to((1 + np.arange(16))[None, :, None], (36, 16, 3))
     materials = {1 + i: _material(1e5 * 50 ** (i / 15)) for i in range(16)}
     return _bar("graded_plate", "plate graded across it 1:50", labels, materials, 0.05, _pull_and_shear)
 
 
 def elbow() -> Body:
-    """An L whose upright has a joint fifty times softer just above the corner."""
+    """Return an L whose upright has a joint fifty times softer just above the corner."""
     labels = np.zeros((24, 6, 24), np.uint8)
     labels[:, :, :6] = labels[18:] = 1
     labels[18:, :, 7:11] = 2
@@ -214,7 +219,7 @@ def elbow() -> Body:
 
 
 def tree() -> Body:
-    """A trunk that forks into two branches, with a soft joint below the fork; one branch is loaded."""
+    """Return a trunk that forks into two branches, with a soft joint below the fork; one branch is loaded."""
     labels = np.zeros((36, 6, 36), np.uint8)
     labels[:16, :, 15:21] = 1
     for step in range(20):
@@ -232,7 +237,7 @@ def tree() -> Body:
 
 
 def limb() -> Body:
-    """A bone with a joint in flesh, and a tendon above it that reaches the far bone."""
+    """Return a bone with a joint in flesh, and a tendon above it that reaches the far bone."""
     labels = np.zeros((36, 10, 10), np.uint8)
     y, z = np.meshgrid(np.arange(10) - 4.5, np.arange(10) - 4.5, indexing="ij")
     radius = np.hypot(y, z)
@@ -250,7 +255,7 @@ def limb() -> Body:
 
 
 def free_core() -> Body:
-    """A stiff core in a soft coat that nothing holds, bent by three forces and stretched by two."""
+    """Return a stiff core in a soft coat that nothing holds, bent by three forces and stretched by two."""
     labels = np.ones((28, 8, 8), np.uint8)
     labels[4:24, 2:6, 2:6] = 2
     volume = Volume.from_labels(labels, 0.01, {1: _material(2e4, 0.45), 2: _material(1e7)})
@@ -263,7 +268,7 @@ def free_core() -> Body:
 
 
 def steak() -> Body:
-    """The T-bone steak of the checkout in coarse voxels, held by its bone; the end of one muscle is loaded."""
+    """Return the T-bone steak of the checkout in coarse voxels, held by its bone; the end of one muscle is loaded."""
     fine = Volume.load(STEAK)
     whole = int(np.count_nonzero(fine.labels))
     volume = fine.resample(round(whole * float(np.prod(fine.spacing)) / STEAK_SPACING**3)).largest_component()

@@ -29,8 +29,12 @@ BLOCK = 512  # [bricks] whose tangents are computed at a time
 class Bricks:
     """c bricks of order `order`, (order + 1)³ nodes each, `split`³ a voxel.
 
-    voxel: (c,) the voxel of each.  element: (c, a) its nodes.  nodes: (N, 3) [m] from the first corner.
-    free: (N,) whether a node may move.  size: (3,) of a brick [m].  lam, mu: (c,) [Pa].
+    voxel: (c,) the voxel of each.
+    element: (c, a) its nodes.
+    nodes: (N, 3) [m] from the first corner.
+    free: (N,) whether a node may move.
+    size: (3,) of a brick [m].
+    lam, mu: (c,) [Pa].
     """
 
     order: int
@@ -45,7 +49,7 @@ class Bricks:
 
     @cached_property
     def rule(self) -> tuple[Array, Array]:
-        """∇N_a (q, a, 3) [1/m] and dV (q,) [m³] at Gauss's points: exact for affine bricks of this order."""
+        """Return ∇N_a (q, a, 3) [1/m] and dV (q,) [m³] at Gauss's points: exact for affine bricks of this order."""
         x, w = np.polynomial.legendre.leggauss(self.order + 1)
         x, w = (x + 1) / 2, w / 2
         value, slope = _lagrange(self.order, x)
@@ -58,17 +62,17 @@ class Bricks:
 
     @property
     def dof(self) -> Nodes:
-        """(c, 3a) degrees of freedom of each brick."""
+        """Return the degrees of freedom (c, 3a) of each brick."""
         return (3 * self.element[:, :, None] + np.arange(3)).reshape(len(self.element), -1)
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """(3N,)"""
+        """Return which degrees of freedom (3N,) may move."""
         return np.repeat(self.free, 3)
 
 
 def bricks(grid: Grid, fixed: NDArray[np.bool_], order: int, split: int) -> Bricks:
-    """The bricks of a grid; fixed: (n,) the voxels that do not move."""
+    """Return the bricks of a grid; fixed: (n,) the voxels that do not move."""
     index = grid.index.astype(np.int64) - grid.index.min(axis=0)
     part = np.stack(np.meshgrid(*(np.arange(split),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     cell = (index[:, None] * split + part).reshape(-1, 3)
@@ -95,7 +99,7 @@ def bricks(grid: Grid, fixed: NDArray[np.bool_], order: int, split: int) -> Bric
 
 
 def linear_stiffness(mesh: Bricks) -> sparse.csr_array:
-    """(3N, 3N) with natural boundaries; degree of freedom 3a + xyz."""
+    """Return (3N, 3N) with natural boundaries; degree of freedom 3a + xyz."""
     gradient, volume = mesh.rule
     a = gradient.shape[1]
     pairs = np.einsum("q,qak,qbl->akbl", volume, gradient, gradient)  # ∫ ∂N_a/∂x_k ∂N_b/∂x_l
@@ -106,7 +110,7 @@ def linear_stiffness(mesh: Bricks) -> sparse.csr_array:
 
 
 def nodal_load(mesh: Bricks, load: Array) -> Array:
-    """(N, 3) [N] of forces `load` (n, 3) [N] spread evenly over the voxels."""
+    """Return (N, 3) [N] of forces `load` (n, 3) [N] spread evenly over the voxels."""
     share = _mean_of_shapes(mesh.order)
     force = load[mesh.voxel][:, None] * share[:, None] / mesh.split**3
     total = np.zeros_like(mesh.nodes)
@@ -115,7 +119,7 @@ def nodal_load(mesh: Bricks, load: Array) -> Array:
 
 
 def nodal_mass(mesh: Bricks, mass: Array) -> Array:
-    """(N,) [kg] of voxels' masses (n,): lumped, the row sums of the consistent matrix."""
+    """Return (N,) [kg] of voxels' masses (n,): lumped, the row sums of the consistent matrix."""
     share = _mean_of_shapes(mesh.order)
     total = np.zeros(len(mesh.nodes))
     np.add.at(total, mesh.element, mass[mesh.voxel][:, None] * share / mesh.split**3)
@@ -123,7 +127,7 @@ def nodal_mass(mesh: Bricks, mass: Array) -> Array:
 
 
 def at_centers(mesh: Bricks, moved: Array) -> Array:
-    """(n, 3) nodal values `moved` (N, 3) at the centres of the voxels."""
+    """Return (n, 3) nodal values `moved` (N, 3) at the centres of the voxels."""
     half = mesh.split // 2
     value, _ = _lagrange(mesh.order, np.array([mesh.split / 2 - half]))
     chosen = mesh.element[half * (mesh.split**2 + mesh.split + 1) :: mesh.split**3]
@@ -131,7 +135,7 @@ def at_centers(mesh: Bricks, moved: Array) -> Array:
 
 
 def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Array, sparse.csr_array | None]:
-    """f (N, 3) and its derivative (3N, 3N) where the nodes are `moved` (N, 3), St. Venant–Kirchhoff."""
+    """Return f (N, 3) and its derivative (3N, 3N) where the nodes are `moved` (N, 3), St. Venant–Kirchhoff."""
     gradient, volume = mesh.rule
     a = gradient.shape[1]
     total = np.zeros_like(mesh.nodes)
@@ -168,7 +172,7 @@ def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Ar
 
 
 def assembled(mesh: Bricks, blocks: Array) -> sparse.csr_array:
-    """(3N, 3N) the sum of blocks (c, 9a²) of the bricks."""
+    """Return the sum (3N, 3N) of blocks (c, 9a²) of the bricks."""
     dof = mesh.dof.astype(np.int32)
     m = dof.shape[1]
     at = (np.repeat(dof, m, axis=1).ravel(), np.tile(dof, (1, m)).ravel())

@@ -32,11 +32,15 @@ STEAK = Path(__file__).parents[3] / "models" / "steak.npz"  # in a checkout
 class Case:
     """One load on one volume.
 
-    fixed: (nx, ny, nz) voxels that do not move.  load: (n, 3) direction and relative size of the force on each voxel.
-    goal: (n, 3) the quantity of interest is Σ goal · u, a mean displacement.  places: f → (f, 3) where f free frames
-    go by hand [m], or None where a body has no centre line.  frames: numbers of free frames.
-    heterogeneous: several stiffnesses.  straight: whether those lie one after the other along an axis.
-    amplitude: displacement by length.  nonlinear: compared with geometrically nonlinear finite elements.
+    fixed: (nx, ny, nz) voxels that do not move.
+    load: (n, 3) direction and relative size of the force on each voxel.
+    goal: (n, 3) the quantity of interest is Σ goal · u, a mean displacement.
+    places: f → (f, 3) where f free frames go by hand [m], or None where a body has no centre line.
+    frames: numbers of free frames.
+    heterogeneous: several stiffnesses.
+    straight: whether those lie one after the other along an axis.
+    amplitude: displacement by length.
+    nonlinear: compared with geometrically nonlinear finite elements.
     """
 
     name: str
@@ -58,12 +62,12 @@ class Case:
 
     @cached_property
     def held(self) -> Mask:
-        """(n,) which voxels inside are fixed, with the whole of rigid pieces that are."""
+        """Return which voxels inside (n,) are fixed, with the whole of rigid pieces that are."""
         held = self.fixed[tuple(self.grid.index.T)]
         return held | ((self.grid.piece >= 0) & np.isin(self.grid.piece, self.grid.piece[held]))
 
     def quantity(self, moved: Array) -> float:
-        """The quantity of interest [m] of displacements (n, 3)."""
+        """Return the quantity of interest [m] of displacements (n, 3)."""
         return float(np.sum(self.goal * moved))
 
 
@@ -112,7 +116,10 @@ def bar(
     frames: tuple[int, ...] = FRAMES,
     amplitude: float = SMALL,
 ) -> Case:
-    """0.1 m thick, `length` times as long, held at one end; load: weight, pull, twist.  core: its stiffness."""
+    """Return a bar 0.1 m thick, `length` times as long, held at one end.
+
+    load: weight, pull, twist.  core: its stiffness.
+    """
     labels = np.ones((length * across + 1, across, across), np.uint8)
     materials = {1: Material(1e6, poisson, DENSITY)}
     if core is not None:
@@ -142,7 +149,7 @@ def _bar_load(grid: Grid, load: str, end: Mask) -> tuple[Array, Array]:
 
 
 def plate(name: str, title: str, pull: int, *, fine: int, graded: bool) -> Case:
-    """Figure 7: 10 × 4, one voxel thick, held on one side and pulled on the other, along x (0), or along y (1).
+    """Return figure 7: 10 × 4, one voxel thick, held on one side and pulled on the other, along x (0), or along y (1).
 
     graded: ten times stiffer at the right than at the left; else even, with a rigid square in the middle.
     """
@@ -165,7 +172,7 @@ def plate(name: str, title: str, pull: int, *, fine: int, graded: bool) -> Case:
 
 
 def three_materials() -> Case:
-    """Figure 5: a bar of three materials, pressed."""
+    """Return figure 5: a bar of three materials, pressed."""
     labels = np.ones((61, 6, 6), np.uint8)
     labels[20:40], labels[40:] = 2, 3
     stiffness = {1: 3e5, 2: 1e5, 3: 1e6}
@@ -179,7 +186,7 @@ def three_materials() -> Case:
 
 
 def block_with_bone(load: str) -> Case:
-    """0.3 × 0.1 × 0.1 m, in it, off the middle, a bone ten thousand times stiffer."""
+    """Return a block of 0.3 × 0.1 × 0.1 m; in it, off the middle, a bone ten thousand times stiffer."""
     labels = np.ones((31, 10, 10), np.uint8)
     labels[8:24, 2:6, 5:8] = 2
     volume = Volume.from_labels(labels, 0.01, {1: Material(1e5, 0.3, DENSITY), 2: Material(1e9, 0.3, DENSITY)})
@@ -193,7 +200,7 @@ def block_with_bone(load: str) -> Case:
 
 
 def sandwich() -> Case:
-    """Layers 1:1000 in turns, sheared: what uniform strains of a region cannot follow."""
+    """Return layers 1:1000 in turns, sheared: what uniform strains of a region cannot follow."""
     labels = np.ones((13, 12, 12), np.uint8)
     labels[:, :, 3:6] = labels[:, :, 9:] = 2
     volume = Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.3, DENSITY), 2: Material(1e7, 0.3, DENSITY)})
@@ -206,7 +213,7 @@ def sandwich() -> Case:
 
 
 def cube() -> Case:
-    """A cube, sheared: held below, pushed sideways above."""
+    """Return a cube, sheared: held below, pushed sideways above."""
     volume = Volume.from_labels(np.ones((12, 12, 13), np.uint8), 0.01, {1: Material(1e5, 0.3, DENSITY)})
     fixed, end = _along(volume, 2)
     force = _pull(end, np.ones(len(end)), 0)
@@ -214,7 +221,7 @@ def cube() -> Case:
 
 
 def sheet() -> Case:
-    """0.3 × 0.2 m, 6 mm thick, one voxel: held at one edge, bent by its weight."""
+    """Return a sheet of 0.3 × 0.2 m, 6 mm thick, one voxel: held at one edge, bent by its weight."""
     volume = Volume.from_labels(np.ones((31, 20, 1), np.uint8), [0.01, 0.01, 0.006], {1: Material(1e6, 0.3, DENSITY)})
     fixed, end = _along(volume, 0)
     force, goal = _bar_load(voxel_grid(volume), "weight", end)
@@ -222,7 +229,7 @@ def sheet() -> Case:
 
 
 def rod() -> Case:
-    """1 m long, 3 cm thick, three voxels, bent far by its weight."""
+    """Return a rod 1 m long, 3 cm thick, three voxels, bent far by its weight."""
     volume = Volume.from_labels(np.ones((101, 3, 3), np.uint8), 0.01, {1: Material(1e7, 0.3, DENSITY)})
     fixed, end = _along(volume, 0)
     force, goal = _bar_load(voxel_grid(volume), "weight", end)
@@ -233,7 +240,7 @@ def rod() -> Case:
 
 
 def steak(path: Path) -> Case:
-    """The T-bone steak, held at one end and pulled on one side of the other."""
+    """Return the T-bone steak, held at one end and pulled on one side of the other."""
     volume = Volume.load(path).resample(6000)
     index = voxel_grid(volume).index
     ends = np.quantile(index[:, 0], [0.08, 0.92])
@@ -247,7 +254,7 @@ def steak(path: Path) -> Case:
 
 
 def all_cases(quick: bool) -> list[Case]:
-    """All, or the few that the quick report has."""
+    """Return all cases, or the few that the quick report has."""
     fine = 5 if quick else 10
     across = 8 if quick else 12
     cantilever = bar("cantilever", "cantilever, ν = 0.3 (Figure 8)", "weight", across=across)

@@ -43,8 +43,11 @@ BY_HAND = ", by hand"
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to build a case's body. frames: that are free.  by_hand: with hats on the centre line, else where `build`
-    places them.  averaged: the paper-style variant.
+    """One way to build a case's body.
+
+    frames: that are free.
+    by_hand: with hats on the centre line, else where `build` places them.
+    averaged: the paper-style variant.
     """
 
     frames: int
@@ -56,7 +59,7 @@ class Setting:
 
     @property
     def family(self) -> str:
-        """What it has in common with other numbers of frames."""
+        """Return what it has in common with other numbers of frames."""
         if self.averaged:
             return "paper-style (Euclidean kernels, averaged samples)"
         kind = "paper's method" if self.method == PAPER else self.frame_type
@@ -64,12 +67,12 @@ class Setting:
 
     @property
     def samples(self) -> int | None:
-        """Of the paper's method; the default has none."""
+        """Return the number of samples of the paper's method; the default has none."""
         return PAPERS_SAMPLES.get(self.frames, SAMPLES * self.frames) if self.method == PAPER else None
 
     @property
     def way(self) -> str | Paper:
-        """The method with its samples, as `build` takes it."""
+        """Return the method with its samples, as `build` takes it."""
         return self.method if self.samples is None else Paper(self.samples)
 
 
@@ -91,7 +94,7 @@ class Simulation:
         self.shapes = control_weights(body.fields.weights, body.control, grid.centers)
 
     def pushed(self, load: Array) -> Callable[[], None]:
-        """What applies the forces `load` (n, 3) [N] on voxels to the present configuration."""
+        """Return what applies the forces `load` (n, 3) [N] on voxels to the present configuration."""
         force = np.asarray(self.shapes.T @ load)
 
         def push() -> None:
@@ -103,11 +106,11 @@ class Simulation:
         return push
 
     def field(self) -> Array:
-        """Displacements (n, 3) [m] of the voxels."""
+        """Return the displacements (n, 3) [m] of the voxels."""
         return self.view.positions(self.centers) - self.centers
 
     def frequencies(self, count: int, rigid: int) -> Array:
-        """The lowest frequencies (count,) [Hz] at rest, after those of `rigid` motions.
+        """Return the lowest frequencies (count,) [Hz] at rest, after those of `rigid` motions.
 
         d->M is M + h² K, here of two steps h; functions that depend on each other have no mass, so 1/(ω² + s).
         """
@@ -126,7 +129,7 @@ class Simulation:
 
 
 def timed_build(*inputs: Any, **options: Any) -> tuple[SoftBody, float]:
-    """What `build` makes of these, and the seconds it takes with nothing kept from earlier."""
+    """Return what `build` makes of these, and the seconds it takes with nothing kept from earlier."""
     before = os.environ.get(SWITCH)
     os.environ[SWITCH] = "0"
     start = time.perf_counter()
@@ -143,7 +146,9 @@ def timed_build(*inputs: Any, **options: Any) -> tuple[SoftBody, float]:
 class Contender:
     """A compiled model that has come to rest.
 
-    moved: (n, 3) [m].  build_seconds: of the precomputation.  steps: to within 1 %, at `timestep` [s].
+    moved: (n, 3) [m].
+    build_seconds: of the precomputation.
+    steps: to within 1 %, at `timestep` [s].
     """
 
     name: str
@@ -164,7 +169,7 @@ class Contender:
         return seconds_to_rest(self.simulation.model, self.simulation.data, self.push, self.steps, self.timestep)
 
     def release(self, timestep: float, steps: int) -> Array:
-        """(steps,) the quantity of interest [m] once the load is gone."""
+        """Return the quantity of interest (steps,) [m] once the load is gone."""
         some = np.flatnonzero(self.goal.any(axis=1))
         goal, at = self.goal[some], self.simulation.centers[some]
 
@@ -175,7 +180,7 @@ class Contender:
 
 
 def settings(case: Case, quick: bool) -> list[Setting]:
-    """What is tried: the defaults; other types of frames; by hand, where a centre line is; the paper's; its variant."""
+    """Return what is tried: the defaults; other types of frames; by hand, on centre lines; the paper's; its variant."""
     found = []
     for frames in case.frames:
         found += [Setting(frames, kind) for kind in (("affine",) if quick else TYPES)]
@@ -186,7 +191,7 @@ def settings(case: Case, quick: bool) -> list[Setting]:
 
 
 def solved(case: Case, setting: Setting, load: Array) -> Contender:
-    """Built, attached, at rest under `load` (n, 3) [N]. Raises MjframesError where one of these is refused."""
+    """Build, attach and bring to rest under `load` (n, 3) [N]. Raise MjframesError where one of these is refused."""
     body, seconds = averaged_body(case, setting) if setting.averaged else built(case, case.volume, setting)
     simulation = Simulation(body, case.grid)
     push = simulation.pushed(load)
@@ -200,7 +205,7 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
 
 
 def built(case: Case, volume: Volume, setting: Setting) -> tuple[SoftBody, float]:
-    """The body, and the seconds that it took."""
+    """Return the body, and the seconds that it took."""
     places: dict[str, Any] = {"frames": setting.frames}
     if setting.by_hand:
         assert case.places
@@ -216,7 +221,7 @@ def built(case: Case, volume: Volume, setting: Setting) -> tuple[SoftBody, float
 
 
 def averaged_body(case: Case, setting: Setting) -> tuple[SoftBody, float]:
-    """Kernels that know no stiffness, and one stiffness a region: the mean of its voxels'."""
+    """Return the body of kernels that know no stiffness, and one stiffness a region: the mean of its voxels'."""
     grid = case.grid
     even = Material(1.0, float(grid.per_material("poisson")[0]), float(np.mean(grid.density)))
     labels = (case.volume.labels > 0).astype(np.uint8)

@@ -28,10 +28,10 @@ def settle(
     field: Callable[[], np.ndarray],
     timesteps: Sequence[float] = TIMESTEPS,
 ) -> dict[str, Any]:
-    """Steps until nothing moves any more; the state stays in `data`.
+    """Step until nothing moves any more; the state stays in `data`.
 
     push: sets the applied forces, at the present configuration.  field: displacements (n, 3) [m].
-    Returns moved (n, 3), steps to within 1 % of them, timestep [s]; {} if no time step leads to rest.
+    Return moved (n, 3), steps to within 1 % of them, timestep [s]; {} if no time step leads to rest.
     """
     for timestep in timesteps:
         mujoco.mj_resetData(model, data)
@@ -59,7 +59,7 @@ def settle(
 def seconds_to_rest(
     model: mujoco.MjModel, data: mujoco.MjData, push: Callable[[], None], steps: int, h: float
 ) -> float:
-    """Wall time [s] of the first `steps` steps of h [s] from the undeformed state; the state is kept."""
+    """Return the wall time [s] of the first `steps` steps of h [s] from the undeformed state; the state is kept."""
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.zeros(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
@@ -79,7 +79,7 @@ def seconds_to_rest(
 def release(
     model: mujoco.MjModel, data: mujoco.MjData, quantity: Callable[[], float], timestep: float, steps: int
 ) -> np.ndarray:
-    """(steps,) the quantity after each step without applied forces, from the state in `data`, at rest."""
+    """Return the quantity (steps,) after each step without applied forces, from the state in `data`, at rest."""
     model.opt.timestep = timestep
     data.xfrc_applied[:] = 0
     data.qvel[:] = 0
@@ -100,7 +100,7 @@ def _place(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def seconds_per_step(model: mujoco.MjModel, data: mujoco.MjData, timestep: float, least: float) -> float:
-    """Mean wall time of a step [s], of as many as take about `least` seconds, from the state that `data` is in."""
+    """Return the mean wall time of a step [s], of as many as take about `least` seconds, from the state in `data`."""
     model.opt.timestep = timestep
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.zeros(mujoco.mj_stateSize(model, kind))

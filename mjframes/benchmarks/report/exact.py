@@ -32,8 +32,11 @@ SHIFT = 1e-10  # [-] that the diagonal of a free body's stiffness is larger, whi
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """loads: (c, n, 3) [N] the body's, scaled to move it by SMALL of its length at most.
-    moved, coarse: (c, n, 3) [m] of the refined bricks, and of those on the voxels.  frequencies: (MODES,) [Hz].
+    """The solution of finite elements for a body.
+
+    loads: (c, n, 3) [N] the body's, scaled to move it by SMALL of its length at most.
+    moved, coarse: (c, n, 3) [m] of the refined bricks, and of those on the voxels.
+    frequencies: (MODES,) [Hz].
     """
 
     loads: Array
@@ -43,18 +46,18 @@ class Exact:
 
     @property
     def mesh(self) -> Array:
-        """(c,) relative L2 distance of the two."""
+        """Return the relative L2 distance (c,) of the two."""
         return np.linalg.norm(self.coarse - self.moved, axis=(1, 2)) / np.linalg.norm(self.moved, axis=(1, 2))
 
 
 def exact_solution(body: Body) -> Exact:
-    """Computed once, then kept."""
+    """Return the solution of a body, computed once, then kept."""
     loads = np.array([load.force for load in body.loads()])
     return Exact(**cached("exact", (body.volume, body.fixed, loads, TOLERANCE), lambda: _solve(body, loads)))
 
 
 def exact_solutions(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Exact]:
-    """Those of bodies of the full report, by name, several at once."""
+    """Return those of bodies of the full report, by name, several computed at once."""
     return by_name(_named, names, progress)
 
 

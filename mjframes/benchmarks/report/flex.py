@@ -30,14 +30,18 @@ MOST_DOFS, MOST_DOFS_QUICK = 6000, 800
 
 @dataclass(frozen=True)
 class FlexSetting:
-    """dof: how a flex is parametrized.  cells: of the grid along each axis."""
+    """One way to make a case's flex.
+
+    dof: how a flex is parametrized.
+    cells: of the grid along each axis.
+    """
 
     dof: str
     cells: tuple[int, int, int]
 
     @property
     def dofs(self) -> int:
-        """[-] about, pinned ones included."""
+        """Return how many degrees of freedom there are, about, pinned ones included [-]."""
         return 3 * int(np.prod([c * ORDER[self.dof] + 1 for c in self.cells]))
 
     @property
@@ -77,7 +81,7 @@ class FlexContender:
 
 
 class FlexProcess:
-    """The other Python. Raises MjframesError where it cannot run, or its MuJoCo is too old."""
+    """The other Python. Raise MjframesError where it cannot run, or its MuJoCo is too old."""
 
     def __init__(self, python: str) -> None:
         self._folder = tempfile.TemporaryDirectory()
@@ -109,7 +113,7 @@ class FlexProcess:
         self._folder.cleanup()
 
     def ask(self, order: dict[str, Any]) -> dict[str, Any]:
-        """The answer. Raises MjframesError with the other side's error."""
+        """Return the answer to an order. Raise MjframesError with the other side's error."""
         assert self._process.stdin
         assert self._process.stdout
         try:
@@ -126,7 +130,10 @@ class FlexProcess:
         return answer
 
     def solved(self, case: Case, setting: FlexSetting, load: Array) -> FlexContender:
-        """At rest under `load` (n, 3) [N]. Raises MjframesError where MuJoCo refuses it or it does not come to rest."""
+        """Return a flex at rest under `load` (n, 3) [N].
+
+        Raise MjframesError where MuJoCo refuses it or it does not come to rest.
+        """
         self._count += 1
         folder = Path(self._folder.name)
         grid, held = case.grid, case.held
@@ -174,7 +181,7 @@ class FlexProcess:
 
 
 def flex_settings(case: Case, quick: bool) -> list[FlexSetting]:
-    """Every parametrization on ever finer cells, as cubic as they come."""
+    """Return every parametrization on ever finer cells, as cubic as they come."""
     extent = np.ptp(case.grid.index[~case.held], axis=0) + 1
     size = extent * case.grid.spacing
     found: list[FlexSetting] = []

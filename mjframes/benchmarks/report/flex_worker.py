@@ -47,7 +47,7 @@ class Flex:
         self.shapes = self.interpolation()
 
     def sample(self) -> None:
-        """Gauss's points of the voxels that are not held: place, weight [m³], E, ν, cell and place in it."""
+        """Set Gauss's points of the voxels that are not held: place, weight [m³], E, ν, cell and place in it."""
         job = self.job
         x, w = np.polynomial.legendre.leggauss(POINTS)
         offset = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3) * job["spacing"] / 2
@@ -61,7 +61,7 @@ class Flex:
         self.full = np.bincount(self.number, self.weight, np.prod(self.cells)) / np.prod(self.size)
 
     def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(s, 3) cell of each point, the nearest where it is outside, and its place s ∈ [0, 1]³ there."""
+        """Return the cell (s, 3) of each point, the nearest where it is outside, and its place s ∈ [0, 1]³ there."""
         at = (points - self.low) / self.size
         cell = np.clip(np.floor(at).astype(int), 0, self.cells - 1)
         return cell, at - cell
@@ -104,19 +104,19 @@ class Flex:
             </mujoco>""")
 
     def held(self, points: np.ndarray) -> np.ndarray:
-        """Which points are in, or on the boundary of, a voxel that is held."""
+        """Return which points are in, or on the boundary of, a voxel that is held."""
         job, reach = self.job, self.job["spacing"] * (0.5 + 1e-6)
         held = job["centers"][job["held"]]
         return np.array([np.any(np.all(np.abs(held - p) <= reach, axis=1)) for p in points])
 
     def places(self) -> np.ndarray:
-        """(N, 3) of the nodes, of tetrahedra the vertices [m]."""
+        """Return the places (N, 3) of the nodes, of tetrahedra the vertices [m]."""
         if self.dof == "full":
             return self.data.flexvert_xpos.copy()
         return self.data.xpos[self.bodies] + self.model.flex_node
 
     def edit_stiffness(self) -> bool:
-        """Whether it was necessary."""
+        """Give the flex the stiffness of the voxels; return whether that was necessary."""
         box = np.isclose(np.sum(self.weight), np.prod(self.job["high"] - self.low))
         if np.ptp(self.young) == 0 and box:
             return False
@@ -134,7 +134,7 @@ class Flex:
         return True
 
     def over_tetrahedra(self, share: np.ndarray) -> np.ndarray:
-        """(tetrahedra,) sums of `share` over the points in each, by its volume."""
+        """Return sums (tetrahedra,) of `share` over the points in each, by its volume."""
         occupied = np.flatnonzero(self.full > 1e-6)
         place = np.searchsorted(occupied, self.number)
         path = np.argsort(-self.place, axis=1)  # the tetrahedron 0, e_a, e_a + e_b, … holds s_a ≥ s_b ≥ s_c
@@ -143,7 +143,7 @@ class Flex:
         return sums / (np.prod(self.size) / 6)
 
     def cell_stiffness(self) -> np.ndarray:
-        """(cells, 3a, 3a) Σ over the Gauss points of voxels: Bᵀ C B dV."""
+        """Return (cells, 3a, 3a) Σ over the Gauss points of voxels: Bᵀ C B dV."""
         lam = self.young * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))
         mu = self.young / (2 * (1 + self.poisson))
         a = (self.order + 1) ** 3
@@ -158,7 +158,7 @@ class Flex:
         return total
 
     def shape(self, place: np.ndarray, derivative: int | None = None) -> np.ndarray:
-        """(s, a) shape functions of a cell's nodes, or their derivatives along an axis of the cell."""
+        """Return the shape functions (s, a) of a cell's nodes, or their derivatives along an axis of the cell."""
         nodes = np.linspace(0, 1, self.order + 1)
         parts = []
         for d in range(3):
@@ -171,7 +171,7 @@ class Flex:
         return np.einsum("sa,sb,sc->sabc", *parts).reshape(len(place), -1)
 
     def interpolation(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, a) nodes and weights that move each voxel's centre."""
+        """Return the nodes and weights (n, a) that move each voxel's centre."""
         cell, place = self.locate(self.job["centers"])
         step = self.size / self.order
         key = np.round((self.rest - self.low) / step).astype(int)
@@ -196,12 +196,12 @@ class Flex:
         return node, weight
 
     def field(self) -> np.ndarray:
-        """(n, 3) displacements of the voxels [m]."""
+        """Return the displacements (n, 3) of the voxels [m]."""
         node, weight = self.shapes
         return np.einsum("va,vai->vi", weight, (self.places() - self.rest)[node])
 
     def apply(self, load: np.ndarray) -> None:
-        """Forces (n, 3) [N] on the voxels, to the bodies of the nodes."""
+        """Apply forces (n, 3) [N] on the voxels to the bodies of the nodes."""
         node, weight = self.shapes
         on_nodes = np.zeros((len(self.rest), 3))
         np.add.at(on_nodes, node, weight[:, :, None] * load[:, None])

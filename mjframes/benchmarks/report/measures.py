@@ -32,8 +32,11 @@ SHOWN = {"mjframes": 0.15, "flex": 0.15}
 class Row:
     """One contender in one case.
 
-    error: relative L2.  goal_error: signed, relative, of the quantity of interest.  frames: free ones, 0 for flex.
-    step_seconds: of a step of 2 ms.  steps, rest_seconds: to equilibrium within 1 %, at `timestep` [s].
+    error: relative L2.
+    goal_error: signed, relative, of the quantity of interest.
+    frames: free ones, 0 for flex.
+    step_seconds: of a step of 2 ms.
+    steps, rest_seconds: to equilibrium within 1 %, at `timestep` [s].
     edited: a flex whose stiffness was replaced by that of the voxels.
     """
 
@@ -54,13 +57,15 @@ class Row:
 
     @property
     def rival(self) -> str:
-        """The kind that it competes for; none for frames placed by hand, which are shown only."""
+        """Return the kind that it competes for; none for frames placed by hand, which are shown only."""
         return "" if BY_HAND in self.family else self.kind
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One case. refused: (family, name, reason) of what did not build or come to rest.
+    """One case.
+
+    refused: (family, name, reason) of what did not build or come to rest.
     shapes: of the best of each kind, name → displacements (n, 3).
     """
 
@@ -74,7 +79,7 @@ class Outcome:
 def compare(
     case: Case, known: Reference, flex: FlexProcess | None, quick: bool, progress: Callable[[str], None]
 ) -> Outcome:
-    """All contenders of a case, solved one after the other, then timed in turns."""
+    """Return all contenders of a case, solved one after the other, then timed in turns."""
     found: list[tuple[Contender | FlexContender, str, int]] = []
     refused = []
     for setting in settings(case, quick):
@@ -126,13 +131,13 @@ def compare(
 
 
 def shown(rows: Sequence[Row], own: Sequence[int]) -> int:
-    """The fastest of a kind that is within 15 %, else the best."""
+    """Return the fastest of a kind that is within 15 %, else the best."""
     near = [i for i in own if rows[i].error < SHOWN[rows[i].kind]]
     return min(near, key=lambda i: rows[i].step_seconds) if near else min(own, key=lambda i: rows[i].error)
 
 
 def front(rows: Sequence[Row], value: Callable[[Row], float]) -> list[Row]:
-    """Those that nothing else beats in both error and value, by value."""
+    """Return those that nothing else beats in both error and value, by value."""
     best: list[Row] = []
     for row in sorted(rows, key=lambda r: (value(r), r.error)):
         if not best or row.error < best[-1].error:
@@ -144,8 +149,10 @@ def front(rows: Sequence[Row], value: Callable[[Row], float]) -> list[Row]:
 class Race:
     """Who is faster at the same error.
 
-    bound: the first of USEFUL that frames reach.  mine: the frames within it whose lead is the largest; theirs: the
-    fastest flex as exact as these or better, None if there is none; lead: the ratio of their seconds per step.
+    bound: the first of USEFUL that frames reach.
+    mine: the frames within it whose lead is the largest.
+    theirs: the fastest flex as exact as these or better, None if there is none; `lead` is the ratio of their seconds
+    per step.
     fastest, fastest_flex: within the bound, however exact; None if none is.
     """
 
@@ -158,7 +165,7 @@ class Race:
 
     @property
     def lead(self) -> float:
-        """∞ where no flex that was tried is as exact, 0 where no frames reach the bound."""
+        """Return the lead: ∞ where no flex that was tried is as exact, 0 where no frames reach the bound."""
         return _ratio(self.theirs, self.mine)
 
     @property
@@ -167,7 +174,7 @@ class Race:
 
 
 def race(case: str, rows: Sequence[Row], bounds: Sequence[float] = USEFUL) -> Race:
-    """Leads over a flex that exists are preferred to leads over none."""
+    """Return the race of a case; leads over a flex that exists are preferred to leads over none."""
     reached = [bound for bound in bounds if any(r.rival == "mjframes" and r.error <= bound for r in rows)]
     bound = reached[0] if reached else bounds[-1]
     frames, flex = ([r for r in rows if r.rival == kind] for kind in ("mjframes", "flex"))
@@ -193,8 +200,10 @@ def _ratio(slow: Row | None, quick: Row | None) -> float:
 
 @dataclass(frozen=True)
 class Slope:
-    """Errors of a family over the number of frames; order: −slope of log error against log dofs; stalled: it does
-    not get better with the last doubling."""
+    """Errors of a family over the number of frames.
+
+    order: −slope of log error against log dofs.
+    stalled: whether it does not get better with the last doubling."""
 
     case: str
     family: str
@@ -205,7 +214,7 @@ class Slope:
 
 
 def slopes(case: str, rows: Sequence[Row]) -> list[Slope]:
-    """Of every family with three sizes or more."""
+    """Return the slopes of every family with three sizes or more."""
     found = []
     for family in dict.fromkeys(row.family for row in rows):
         own = [row for row in rows if row.family == family]

@@ -27,9 +27,9 @@ RODENT = "locomotion/walkers/assets/rodent_walker_skin.skn"  # in the package dm
 
 
 def volume_of(model: str, files: Mapping[str, str]) -> Volume | None:
-    """From `files` (model → label image or mesh) or from its stand-in; None where that is not there.
+    """Return the volume from `files` (model → label image or mesh) or from its stand-in; None where that is not there.
 
-    Raises MjframesError for unusable files.
+    Raise MjframesError for unusable files.
     """
     if model in files:
         return _from_file(files[model], model)

@@ -22,7 +22,10 @@ FASTER, FASTER_AT_5 = 10.0, 2.0  # times faster than flex: heterogeneous cases; 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What `mjframes report` measured. flex: MuJoCo's version there, or why there is none."""
+    """What `mjframes report` measured.
+
+    flex: MuJoCo's version there, or why there is none.
+    """
 
     command: str
     machine: dict[str, str]
@@ -36,7 +39,7 @@ class Findings:
 
 
 def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Every row of every case."""
+    """Write every row of every case."""
     with replacing(path, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [entry.name for entry in fields(Row)])
         writer.writeheader()

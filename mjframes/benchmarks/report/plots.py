@@ -43,7 +43,7 @@ def style(family: str) -> tuple[str, str]:
 
 
 def draw_scatter(path: Path, outcomes: Sequence[Outcome], value: Callable[[Row], float], label: str) -> None:
-    """Error of every contender against a value of it, one small figure a case; lines join what nothing beats."""
+    """Draw errors of every contender against a value of it, one small figure a case; lines join what nothing beats."""
     from matplotlib.figure import Figure
 
     figure, panels = _panels(Figure, len(outcomes))
@@ -68,7 +68,7 @@ def draw_scatter(path: Path, outcomes: Sequence[Outcome], value: Callable[[Row],
 
 
 def draw_survey(path: Path, verdicts: Sequence[Verdict], value: Callable[[Judged], float], label: str) -> None:
-    """Errors of the defaults, of the static loads and of pushes, and of the paper's method against a value of each."""
+    """Draw errors of the defaults, of the static loads and of pushes, and of the paper's method against a value."""
     from matplotlib.figure import Figure
 
     curves: tuple[tuple[str, str, Callable[[Verdict, Judged], float], str, str], ...] = (
@@ -100,7 +100,7 @@ def _legend(row: Row) -> str:
 
 
 def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Error against degrees of freedom, families of frames, and of flex, one figure a case; the page has the orders."""
+    """Draw error against degrees of freedom, families of frames, and of flex, a figure a case; the page has orders."""
     from matplotlib.figure import Figure
 
     figure, panels = _panels(Figure, len(outcomes))
@@ -126,7 +126,7 @@ def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def draw_shapes(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Bodies as the fastest good contender of each kind bends them, in colour, over the finite elements' wireframe."""
+    """Draw bodies as the fastest good contender of each kind bends them, in colour, over finite elements' wireframe."""
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
@@ -179,7 +179,7 @@ def _links(index: NDArray[np.integer], depth: int) -> NDArray[np.int64]:
 
 
 def draw_vibration(path: Path, found: Sequence[Vibration], first: float, exact: Array) -> None:
-    """The quantity of interest after release, over the periods of the first mode [Hz]."""
+    """Draw the quantity of interest after release, over the periods of the first mode [Hz]."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 5.5), layout="constrained")

@@ -31,9 +31,12 @@ INCREMENTS = 4  # of a large load
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """moved: (n, 3) at the voxels' centres [m].  load: (n, 3) [N] the case's, scaled.
+    """The solution of finite elements for a case.
 
-    levels: (order, split, nodes) of each level.  change: relative L2 distance of each level from the last.
+    moved: (n, 3) at the voxels' centres [m].
+    load: (n, 3) [N] the case's, scaled.
+    levels: (order, split, nodes) of each level.
+    change: relative L2 distance of each level from the last.
     quantity: of each level [m].
     """
 
@@ -45,7 +48,7 @@ class Reference:
 
 
 def refined(case: Case) -> Reference:
-    """Computed once, then kept."""
+    """Return the reference of a case, computed once, then kept."""
     inputs = (
         case.volume,
         case.fixed,
@@ -69,7 +72,7 @@ def refined(case: Case) -> Reference:
 
 
 def references(names: Sequence[str], progress: Callable[[str], None]) -> dict[str, Reference]:
-    """Those of cases of the full report, by name, several at once."""
+    """Return those of cases of the full report, by name, several computed at once."""
     return by_name(_named, names, progress)
 
 
@@ -96,14 +99,14 @@ def _solve(case: Case) -> dict[str, Array]:
 
 
 def linear_solution(mesh: Bricks, low: Bricks, load: Array) -> Array:
-    """Displacements (N, 3) [m] under forces (n, 3) [N]; low: bricks of order 1 with the same nodes."""
+    """Return displacements (N, 3) [m] under forces (n, 3) [N]; low: bricks of order 1 with the same nodes."""
     return next(linear_solutions(mesh, low, [load]))
 
 
 def linear_solutions(
     mesh: Bricks, low: Bricks, loads: Iterable[Array], tolerance: float = TOLERANCE
 ) -> Iterator[Array]:
-    """The same for many loads on one body; those of a free one are in balance."""
+    """Yield the same for many loads on one body; those of a free one are in balance."""
     moving = mesh.moving
     matrix = linear_stiffness(mesh)[moving][:, moving]
     inverse = preconditioner(matrix if low is mesh else linear_stiffness(low)[moving][:, moving], mesh)
@@ -114,7 +117,7 @@ def linear_solutions(
 
 
 def nonlinear_solution(mesh: Bricks, low: Bricks, load: Array) -> Array:
-    """The same for large displacements: Newton's iterations, the load in increments."""
+    """Return the same for large displacements: Newton's iterations, the load in increments."""
     moving, force = mesh.moving, nodal_load(mesh, load)
     moved = np.zeros_like(mesh.nodes)
     for part in np.arange(1, INCREMENTS + 1) / INCREMENTS:
@@ -134,7 +137,7 @@ def nonlinear_solution(mesh: Bricks, low: Bricks, load: Array) -> Array:
 
 
 def preconditioner(matrix: sparse.csr_array, mesh: Bricks) -> LinearOperator:
-    """One cycle of multigrid for the moving nodes' matrix, of bricks of order 1."""
+    """Return one cycle of multigrid for the moving nodes' matrix, of bricks of order 1."""
     try:
         import pyamg
     except ImportError as error:

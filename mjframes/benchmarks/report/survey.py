@@ -34,9 +34,11 @@ STATIC = ("weight", "end")  # kinds of loads that bounds are for
 class Judged:
     """One body, built in one way.
 
-    errors: [-] of each kind of load, of its worst.  worst: name of the worst static load.  same_mesh: error of the
-    static ones against finite elements on the voxels.  frequency: the largest relative error of the first ones,
-    signed.  estimate: `body.error`, (weight, pushes).
+    errors: [-] of each kind of load, of its worst.
+    worst: name of the worst static load.
+    same_mesh: error of the static ones against finite elements on the voxels.
+    frequency: the largest relative error of the first ones, signed.
+    estimate: `body.error`, (weight, pushes).
     """
 
     body: str
@@ -53,17 +55,20 @@ class Judged:
 
     @property
     def static(self) -> float:
-        """The worst of own weight and forces on ends."""
+        """Return the worst of own weight and forces on ends."""
         return max(self.errors[kind] for kind in STATIC if kind in self.errors)
 
     def push(self, share: str) -> float:
-        """The worst push on that share of the surface."""
+        """Return the worst push on that share of the surface."""
         return self.errors[f"push {share}"]
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """One body with all that was built of it.  refused: (method, frames, reason)."""
+    """One body with all that was built of it.
+
+    refused: (method, frames, reason).
+    """
 
     body: Body
     exact: Exact
@@ -74,12 +79,12 @@ class Verdict:
         return [row for row in self.rows if row.method == method]
 
     def bounded(self, row: Judged) -> float:
-        """The error that the body's bound is for."""
+        """Return the error that the body's bound is for."""
         return row.same_mesh if self.body.same_mesh else row.static
 
     @property
     def promised(self) -> tuple[float, str, bool] | None:
-        """The static error at PROMISED_FRAMES that the body's bound is for, its load, and whether that holds."""
+        """Return the static error at PROMISED_FRAMES that the body's bound is for, its load, and whether that holds."""
         for row in self.of(WHOLE_BODY):
             if row.frames == PROMISED_FRAMES:
                 error = self.bounded(row)
@@ -88,13 +93,13 @@ class Verdict:
 
     @property
     def mesh(self) -> float:
-        """The most that finite elements on the voxels are off by under the static loads [-]."""
+        """Return the most that finite elements on the voxels are off by under the static loads [-]."""
         static = [load.kind in STATIC for load in self.body.loads()]
         return float(self.exact.mesh[static].max())
 
     @property
     def growth(self) -> float:
-        """The most that the static error is larger than with fewer frames [-]."""
+        """Return the most that the static error is larger than with fewer frames [-]."""
         errors = [row.static for row in self.of(WHOLE_BODY)]
         return max((after / before for k, after in enumerate(errors) for before in errors[:k]), default=0.0)
 

@@ -48,7 +48,10 @@ class Line:
 
 
 def measure(files: Mapping[str, str], quick: bool, progress: Callable[[str], None]) -> list[Line]:
-    """files: model → path of a label image or a mesh. Raises MjframesError for other models and unusable files."""
+    """Return the measured rows. files: model → path of a label image or a mesh.
+
+    Raise MjframesError for other models and unusable files.
+    """
     if unknown := set(files) - set(MODELS):
         raise MjframesError(f"model {sorted(unknown)[0]!r} is not in the table; it has {', '.join(MODELS)}.")
     lines = []

@@ -33,7 +33,11 @@ TIMESTEP = TIMED_STEP / 4  # [s] about 600 steps a period: frequencies are then 
 
 @dataclass(frozen=True)
 class Vibration:
-    """frequency: [Hz] of the first mode, error: relative.  left: amplitude after `PERIODS`, of that at the start.
+    """How a contender vibrates after release.
+
+    frequency: [Hz] of the first mode.
+    error: relative, of the frequency.
+    left: amplitude after `PERIODS`, of that at the start.
     distance: relative L2 in time, over the first period, of the quantity of interest.
     """
 
@@ -49,7 +53,7 @@ class Vibration:
 
 
 def exact_vibration(case: Case, known: Reference) -> tuple[float, Array, Array]:
-    """Frequency [Hz] of the first mode, times (t,) [s] and the quantity of interest (t,) [m]."""
+    """Return the frequency [Hz] of the first mode, times (t,) [s] and the quantity of interest (t,) [m]."""
     inputs = (case.volume, case.fixed, known.load, MODES)
     modes = cached("vibration", inputs, lambda: _modes(case, known))
     omega = modes["omega"]
@@ -84,7 +88,7 @@ def _modes(case: Case, known: Reference) -> dict[str, Array]:
 
 
 def vibrations(case: Case, known: Reference, flex: FlexProcess | None, quick: bool) -> list[Vibration]:
-    """Of some contenders; those that do not build are left out."""
+    """Return those of some contenders; the ones that do not build are left out."""
     first, times, exact = exact_vibration(case, known)
     found: list[Vibration] = []
     sizes = (3, 5) if quick else (3, 5, 10)
