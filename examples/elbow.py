@@ -14,11 +14,6 @@ import mujoco
 import numpy as np
 
 import mjframes as mf
-from mjframes.app.video import still
-from mjframes.kinematics.control import points_of
-from mjframes.kinematics.gradients import control_gradients
-from mjframes.scene.view import Soft
-from mjframes.volume.grid import voxel_grid
 
 LENGTH, RADIUS, BONE, GAP, VOXEL = 0.4, 0.05, 0.015, 0.03, 0.01  # [m]; the bones end GAP before the elbow
 FLESH, UPPER, LOWER = 1, 2, 3  # labels
@@ -53,7 +48,7 @@ class Elbow:
     data: mujoco.MjData
 
     @property
-    def view(self) -> Soft:
+    def view(self) -> mf.Soft:
         """Of the sleeve."""
         return mf.soft(self.model, self.data, "sleeve")
 
@@ -70,11 +65,8 @@ class Elbow:
     @property
     def swelling(self) -> float:
         """Relative change of the volume: the mean of det F − 1 over the voxels [-]."""
-        control, fields = self.sleeve.control, self.sleeve.fields
-        grid, frames = voxel_grid(fields.volume), np.arange(len(self.sleeve.types))
-        gradients = control_gradients(grid, fields.weights, control, np.arange(len(grid.index)), frames)
-        x = self.view.control_positions[points_of(control, frames)[0]]
-        return float(np.linalg.det(np.einsum("ja,vjb->vab", x, gradients)).mean() - 1)
+        voxels = self.sleeve.fields.volume.centers
+        return float(np.linalg.det(self.view.deformation_gradients(voxels)).mean() - 1)
 
 
 def elbow(young: float = 2e4, law: str = "corotational") -> Elbow:
@@ -115,7 +107,7 @@ def run(out: Path) -> Elbow:
     figure = Figure(figsize=(11.2, 5.3), layout="constrained")
     for axes, until in zip(figure.subplots(1, 2), (0.0, DURATION), strict=True):
         bend(arm, until)
-        axes.imshow(still(arm.model, arm.data, (0, 0.05, 0), 0.65, 90, -70, (560, 480)))
+        axes.imshow(mf.still(arm.model, arm.data, (0, 0.05, 0), 0.65, 90, -70, (560, 480)))
         axes.set_title(f"{arm.angle:.0f}°, {arm.torque:.1f} N m, volume {100 * arm.swelling:+.1f} %")
         axes.set_axis_off()
     figure.savefig(out / "elbow.png", dpi=100)

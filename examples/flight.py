@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.scene.view import Soft
 
 LAWS = ("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce")
 INTEGRATORS = {"Euler": mujoco.mjtIntegrator.mjINT_EULER, "RK4": mujoco.mjtIntegrator.mjINT_RK4}
@@ -85,7 +84,7 @@ def fly(law: str, integrator: str, frame_type: str = "affine") -> Flight:
     return Flight(DURATION / np.array(STEPS[integrator]), momentum, spin, energy)
 
 
-def _throw(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> None:
+def _throw(model: mujoco.MjModel, data: mujoco.MjData, view: mf.Soft) -> None:
     """Spin, drift and vibration at rest's shape; ends with mj_forward."""
     mujoco.mj_forward(model, data)
     x = view.control_positions
@@ -98,7 +97,7 @@ def _throw(model: mujoco.MjModel, data: mujoco.MjData, view: Soft) -> None:
     mujoco.mj_forward(model, data)
 
 
-def _kept(view: Soft) -> NDArray[np.float64]:
+def _kept(view: mf.Soft) -> NDArray[np.float64]:
     """Linear [kg m/s] and angular momentum [kg m²/s], energy and twice 0 [J]: (3, 3)."""
     energy = view.kinetic_energy + view.elastic_energy
     return np.array([view.linear_momentum, view.angular_momentum, [energy, 0, 0]])

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.app.video import film
 
 BLOCK, MASS, VOXEL = 0.04, 0.08, 0.0025  # [m], [kg], [m]
 FLESH, CORE, RUBBER = mf.Material(1e5, 0.45, 1000), mf.Material(6e5, 0.4, 2000), mf.Material(5e5, 0.45, 1100)
@@ -178,7 +177,7 @@ def run(out: Path, gripper: str | None = None) -> dict[str, float]:
     slips = {}
     for scene in (soft_block, soft_pads):
         grasp = scene(gripper)
-        with film(grasp.model, out / f"{scene.__name__}.mp4", camera="front") as draw:
+        with mf.film(grasp.model, out / f"{scene.__name__}.mp4", camera="front") as draw:
             slips[scene.__name__] = lift(grasp, every(1 / 30, draw))
     return slips
 

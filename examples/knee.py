@@ -14,12 +14,9 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import mjframes as mf
-from mjframes.app.video import still
-from mjframes.elasticity.corotational import closest_rotation
-from mjframes.kinematics.control import control_weights
-from mjframes.volume.grid import voxel_grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +50,7 @@ class Knee:
         """By how much the tibia has turned forward [degrees]."""
         rest = self.body.control.rest[self.body.control.frame == self.tibia]
         x = self.data.xpos[self.bodies(self.tibia)]
-        turn = closest_rotation((x - x.mean(axis=0)).T @ (rest - rest.mean(axis=0)))
+        turn = Rotation.align_vectors(x - x.mean(axis=0), rest - rest.mean(axis=0))[0].as_matrix()
         return float(np.degrees(np.arctan2(-turn[0, 2], turn[2, 2])))
 
 
@@ -71,8 +68,8 @@ def knee_at_rest() -> Knee:
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], width=8, height=48)
     mf.attach(spec, body, "knee", contact=False)
     model = spec.compile()
-    grid = voxel_grid(volume)
-    labels = [int(grid.label[seeds[0]]) for seeds in body.fields.seeds]
+    inside = volume.labels[volume.labels > 0]
+    labels = [int(inside[seeds[0]]) for seeds in body.fields.seeds]
     return Knee(body, model, mujoco.MjData(model), labels.index(TIBIA), labels.index(TENDON))
 
 
@@ -94,7 +91,7 @@ def run(out: Path) -> Knee:
     panels = figure.subplots(2, 2)
     for column in panels.T:
         mujoco.mj_forward(knee.model, knee.data)
-        column[0].imshow(still(knee.model, knee.data, (-0.01, 0, -0.02), 0.42, 110, -10, (560, 480)))
+        column[0].imshow(mf.still(knee.model, knee.data, (-0.01, 0, -0.02), 0.42, 110, -10, (560, 480)))
         _draw_section(knee, column[1])
         column[0].set_title(f"{knee.data.time:.1f} s: tibia turned by {abs(knee.extension):.1f}°")
         for axes in column:
@@ -106,12 +103,11 @@ def run(out: Path) -> Knee:
 
 def _draw_section(knee: Knee, axes: Axes) -> None:
     """The voxels of the sagittal plane, each where its material point is now."""
-    volume, control = knee.body.fields.volume, knee.body.control
-    grid = voxel_grid(volume)
-    cut = np.flatnonzero(grid.index[:, 1] == grid.lookup.shape[1] // 2)
-    shapes = control_weights(knee.body.fields.weights[cut], control, grid.centers[cut])
-    x = 100 * shapes @ mf.soft(knee.model, knee.data, "knee").control_positions
-    colors = np.array([volume.materials[int(label)].rgba for label in grid.label[cut]])
+    volume = knee.body.fields.volume
+    voxels = np.argwhere(volume.labels > 0)
+    cut = voxels[:, 1] == volume.labels.shape[1] // 2
+    x = 100 * mf.soft(knee.model, knee.data, "knee").positions(volume.centers[cut])
+    colors = np.array([volume.materials[int(label)].rgba for label in volume.labels[tuple(voxels[cut].T)]])
     axes.scatter(x[:, 0], x[:, 2], s=14, c=colors, marker="s")
     axes.set_aspect("equal")
     axes.set_xlim(-13, 13)

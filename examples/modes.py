@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
-from mjframes.app.video import still
 from mjframes.kinematics.control import control_weights
 from mjframes.volume.grid import voxel_grid
 
@@ -103,7 +102,7 @@ def run(out: Path) -> dict[str, float]:
     for axes, mode in zip(np.ravel(figure.subplots(2, 3)), MOTIONS, strict=True):
         made.move(mode)
         energies[mode] = made.energy
-        axes.imshow(still(made.model, made.data, (LENGTH / 2, WIDTH / 2, WIDTH / 2), 0.6, 105, -12, (520, 400)))
+        axes.imshow(mf.still(made.model, made.data, (LENGTH / 2, WIDTH / 2, WIDTH / 2), 0.6, 105, -12, (520, 400)))
         axes.set_title(f"{mode}: {energies[mode]:.3f} J")
         axes.set_axis_off()
     figure.savefig(out / "modes.png", dpi=100)

@@ -20,10 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
-from mjframes.app.video import film
-from mjframes.scene.attach import BranchWarning
-from mjframes.volume.grid import voxel_grid
-from mjframes.volume.meshes import MeshWarning
 
 Array = NDArray[np.float64]
 
@@ -74,20 +70,21 @@ def skin_volume(model: mujoco.MjModel, data: mujoco.MjData) -> mf.Volume:
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), everything, scene)
     skin = trimesh.Trimesh(np.reshape(scene.skinvert, (-1, 3)), model.skin_face, process=False)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)  # toes and the tip of the tail are thinner than a voxel
+        warnings.simplefilter("ignore", mf.MeshWarning)  # toes and the tip of the tail are thinner than a voxel
         return mf.Volume.from_meshes([(skin, FLESH)], voxels=VOXELS).largest_component()
 
 
 def bones(model: mujoco.MjModel, data: mujoco.MjData, volume: mf.Volume) -> list[mf.Attached]:
     """The voxels in the geoms of each link."""
-    grid, taken, found = voxel_grid(volume), np.zeros(volume.labels.shape, bool), []
+    voxels, centers = np.argwhere(volume.labels > 0), volume.centers
+    taken, found = np.zeros(volume.labels.shape, bool), []
     for link, size in BONES.items():
-        inside = np.zeros(len(grid.index), bool)
+        inside = np.zeros(len(voxels), bool)
         for geom in np.flatnonzero(model.geom_bodyid == model.body(link).id):
-            local = (grid.centers - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
+            local = (centers - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
             inside |= _depth(model.geom_type[geom], model.geom_size[geom], local) < size
         mask = np.zeros_like(taken)
-        mask[tuple(grid.index[inside].T)] = True
+        mask[tuple(voxels[inside].T)] = True
         found.append(mf.Attached(link, mask & ~taken))
         taken |= mask
     return found
@@ -111,7 +108,7 @@ def rat() -> tuple[mf.SoftBody, mujoco.MjModel]:
     body = mf.build(volume, FREE, supports=bones(bare, data, volume), damping=(0.0, 0.005))
     spec.delete(spec.skins[0])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BranchWarning)  # legs and spine are different branches
+        warnings.simplefilter("ignore", mf.BranchWarning)  # legs and spine are different branches
         mf.attach(spec, body, "flesh", contact=False)
     spec.worldbody.add_camera(name="beside", pos=[-0.03, -0.33, 0.08], xyaxes=[1, 0, 0, 0, 0.15, 1])
     return body, spec.compile()
@@ -125,7 +122,7 @@ def run(out: Path, duration: float = DURATION) -> Rat:
     mujoco.mj_forward(model, data)
     view = mf.soft(model, data, "flesh")
     belly, spent = [], 0.0
-    with film(model, out / "rat.mp4", camera="beside", size=(960, 540)) as draw:
+    with mf.film(model, out / "rat.mp4", camera="beside", size=(960, 540)) as draw:
         while data.time < duration:
             beat = np.sin(2 * np.pi * BEAT * data.time)
             data.actuator("shake").ctrl = SHAKE * beat

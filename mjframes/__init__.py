@@ -26,7 +26,7 @@ from mjframes.scene import plugin
 
 if TYPE_CHECKING:
     from mjframes.app.run import record
-    from mjframes.app.video import still
+    from mjframes.app.video import film, still
     from mjframes.body.build import TurnWarning, build
     from mjframes.body.options import Paper
     from mjframes.body.soft_body import SoftBody
@@ -66,6 +66,7 @@ __all__ = [
     "add_sensor",
     "attach",
     "build",
+    "film",
     "load_scene",
     "mass_matrix",
     "record",
@@ -77,7 +78,7 @@ __all__ = [
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
     "app.run": ("record",),
-    "app.video": ("still",),
+    "app.video": ("film", "still"),
     "body.build": ("TurnWarning", "build"),
     "body.options": ("Paper",),
     "body.soft_body": ("SoftBody",),

@@ -20,11 +20,12 @@ from mjframes.app.pictures.keys import NO_COLOR, NOTHING, categorical, color_bar
 from mjframes.app.pictures.page import HEIGHT, RESOLUTION, RIGID_GLASS, VIEW, WIDTH, Marks, Picture, draw_page
 from mjframes.app.pictures.spectrum import draw_spectrum
 from mjframes.app.pictures.views import cameras, shoot
+from mjframes.base.choices import EVEN
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.distance import compliance_distance, voxel_graph
-from mjframes.volume.grid import EVEN, Grid, evened, voxel_grid
+from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.weights import weights_at
 
 if TYPE_CHECKING:

@@ -22,10 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from mjframes.base.cache import SWITCH
+from mjframes.base.choices import WHOLE_BODY
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.body.build import build
-from mjframes.body.options import WHOLE_BODY, Paper
+from mjframes.body.options import Paper
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.volume import Volume

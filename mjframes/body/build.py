@@ -17,13 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from mjframes.base.cache import cached
+from mjframes.base.choices import COROTATIONAL, EVEN, WHOLE_BODY
 from mjframes.base.errors import MjframesError, telling_memory
 from mjframes.body.fewest import fewest_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, place
-from mjframes.body.options import WHOLE_BODY, Paper, checked
+from mjframes.body.options import Paper, checked
 from mjframes.body.soft_body import ContactSpheres, Skin, SoftBody
-from mjframes.elasticity.laws import COROTATIONAL, LawParameters
+from mjframes.elasticity.laws import LawParameters
 from mjframes.elasticity.mass import mass_difference
 from mjframes.elasticity.null_modes import hold_null_modes
 from mjframes.elasticity.quadrature import Quadrature, parameters, quadrature
@@ -34,7 +35,7 @@ from mjframes.surface.contact_points import contact_points
 from mjframes.surface.distance_field import DistanceField, rest_distance_field
 from mjframes.surface.isosurface import Surface, extract_surface
 from mjframes.surface.patches import group_patches
-from mjframes.volume.grid import EVEN, Grid, evened, voxel_grid, with_materials
+from mjframes.volume.grid import Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
 from mjframes.weights.weights import Weights
 from mjframes.whole_body.build import Condensed, finite_elements, whole_body

@@ -8,17 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mjframes.base.choices import COMPLIANCE, COROTATIONAL, EVEN, LAWS, MASSES, METRICS, MODES, PAPER, WHOLE_BODY
 from mjframes.base.errors import MjframesError
-from mjframes.elasticity.laws import COROTATIONAL, LAWS
 from mjframes.frames.supports import Support, supports_of
-from mjframes.volume.grid import COMPLIANCE, EVEN
 from mjframes.volume.volume import Volume
 from mjframes.weights.weights import Weights, weights_of
 
-METHODS = WHOLE_BODY, PAPER = "whole_body", "paper"
-MASSES = ("lumped", "consistent")
-MODES = ("implicit", "explicit")
-METRICS = (EVEN, COMPLIANCE)
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
 
 

@@ -7,6 +7,18 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NoReturn
 
+from mjframes.base.choices import (
+    COROTATIONAL,
+    FRAME_TYPES,
+    IMPLICIT,
+    LAWS,
+    MASSES,
+    METHODS,
+    MODES,
+    VORONOI,
+    WEIGHTS,
+    WHOLE_BODY,
+)
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
 
@@ -68,7 +80,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--error", type=_share, metavar="E", help="as many frames as it takes for this error, 0.05 for 5 %%"
     )
     command.add_argument(
-        "--method", choices=("whole_body", "paper"), default="whole_body",
+        "--method", choices=METHODS, default=WHOLE_BODY,
         help="stiffness of the whole body, or of the paper's integration samples (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
@@ -101,18 +113,15 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
-        "--frame-type", choices=("affine", "quadratic", "rigid", "point"), default="affine",
+        "--frame-type", choices=FRAME_TYPES, default=FRAME_TYPES[0],
         help="of all frames (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
-        "--law", choices=("corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"),
-        default="corotational", help="of elasticity (default %(default)s)",
+        "--law", choices=(COROTATIONAL, *LAWS), default=COROTATIONAL, help="of elasticity (default %(default)s)",
     )  # fmt: skip
+    command.add_argument("--mass", choices=MASSES, help="mass matrix (default: what suits the frame types)")
     command.add_argument(
-        "--mass", choices=("lumped", "consistent"), help="mass matrix (default: what suits the frame types)"
-    )
-    command.add_argument(
-        "--mode", choices=("implicit", "explicit"), default="implicit",
+        "--mode", choices=MODES, default=IMPLICIT,
         help="explicit needs small steps and allows RK4 (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
@@ -122,9 +131,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         metavar="ALPHA,BETA",
         help="Rayleigh's, [1/s] and [s] (default 0,0)",
     )
-    command.add_argument(
-        "--weights", choices=("voronoi", "harmonic", "linear"), default="voronoi", help="(default %(default)s)"
-    )
+    command.add_argument("--weights", choices=WEIGHTS, default=VORONOI, help="(default %(default)s)")
     command.add_argument("--subdivisions", type=_count, metavar="N", help="of the Voronoi kernels (default 1)")
     command.add_argument(
         "--seed", type=_seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"

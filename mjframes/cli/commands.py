@@ -190,7 +190,8 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
 
 def _method(arguments: argparse.Namespace) -> str | Paper:
     """The way to the stiffness. Raise MjframesError for samples that belong to another."""
-    from mjframes.body.options import PAPER, Paper
+    from mjframes.base.choices import PAPER
+    from mjframes.body.options import Paper
 
     if arguments.samples is None:
         return arguments.method

@@ -16,19 +16,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.choices import LAWS, Law
 from mjframes.base.errors import MjframesError
 from mjframes.volume.material import Material
 
 Array = NDArray[np.float64]
-Law = Literal["green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"]
 
-COROTATIONAL = "corotational"  # the linear law, Hooke's about a rotation
-LAWS: tuple[Law, ...] = get_args(Law)
 CONSTANTS: dict[Law, tuple[str, ...]] = {
     "green_lagrange": ("mu", "bulk"),
     "neo_hookean": ("mu", "bulk"),

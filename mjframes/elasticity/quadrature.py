@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.choices import COROTATIONAL, Law
 from mjframes.base.errors import MjframesError
 from mjframes.base.threads import in_parallel
-from mjframes.elasticity.laws import COROTATIONAL, Law, LawParameters, law_parameters
+from mjframes.elasticity.laws import LawParameters, law_parameters
 from mjframes.elasticity.moments import inside, mean_monomials, rule
 from mjframes.elasticity.regions import Regions, members_of
 from mjframes.kinematics.control import ControlPoints, points_of

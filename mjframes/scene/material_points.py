@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from mjframes.base.choices import COROTATIONAL, EVEN
 from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity import laws
 from mjframes.elasticity.corotational import CorotationalRegion
 from mjframes.elasticity.hyperelastic import HyperelasticRegion
-from mjframes.elasticity.laws import COROTATIONAL
 from mjframes.elasticity.stiffness import shows_rotations
-from mjframes.volume.grid import EVEN, Grid, evened, voxel_grid
+from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.interpolation import closest_voxels, voxel_shares
 from mjframes.whole_body.lifting import mode_slopes
 

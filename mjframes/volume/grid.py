@@ -20,8 +20,6 @@ from mjframes.base.constants import RIGID_RATIO
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
-EVEN, COMPLIANCE = "even", "compliance"  # metrics: geodesic distance within the body, and the paper's (5)
-
 
 @dataclass(frozen=True, eq=False)
 class Grid:

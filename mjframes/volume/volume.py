@@ -232,6 +232,11 @@ class Volume:
         inside = {i: material for i, material in enumerate(materials, 1) if i in present}
         return cls(labels, step, origin, np.eye(3), inside).upright(up)
 
+    @property
+    def centers(self) -> NDArray[np.float64]:
+        """The centres (n, 3) of the voxels inside, in volume coordinates [m], in C order of their indices."""
+        return self.origin + ((np.argwhere(self.labels > 0) + 0.5) * self.spacing) @ self.axes.T
+
     def __repr__(self) -> str:
         nx, ny, nz = self.labels.shape
         names = ", ".join(f"{label}: {self.materials[label].name or 'unnamed'}" for label in occurring(self.labels))

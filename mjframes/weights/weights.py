@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from mjframes.base.choices import HARMONIC, LINEAR, VORONOI
 from mjframes.base.errors import MjframesError
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
@@ -46,7 +47,7 @@ class Linear:
 
 
 Weights = Voronoi | Harmonic | Linear
-BY_NAME: dict[str, Weights] = {"voronoi": Voronoi(), "harmonic": Harmonic(), "linear": Linear()}
+BY_NAME: dict[str, Weights] = {VORONOI: Voronoi(), HARMONIC: Harmonic(), LINEAR: Linear()}
 
 
 def weights_of(given: str | Weights) -> Weights:

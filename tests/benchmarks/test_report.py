@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjframes.base.choices import PAPER
 from mjframes.base.errors import MjframesError
 from mjframes.benchmarks import report
 from mjframes.benchmarks.report import bodies, cases, models, table2
@@ -21,7 +22,6 @@ from mjframes.benchmarks.report.flex import FlexProcess, FlexSetting, flex_setti
 from mjframes.benchmarks.report.measures import Row, front, race, slopes
 from mjframes.benchmarks.report.reference import Reference, linear_solution, references, refined
 from mjframes.benchmarks.report.vibration import exact_vibration, vibrations
-from mjframes.body.options import PAPER
 from mjframes.cli import commands as cli
 
 pytest.importorskip("pyamg")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mjframes.base.choices import PAPER, WHOLE_BODY
 from mjframes.benchmarks.report import survey
 from mjframes.benchmarks.report.bodies import Body, all_bodies, beam, free_core, sandwich
 from mjframes.benchmarks.report.bricks import bricks, linear_stiffness, nodal_load
@@ -13,7 +14,6 @@ from mjframes.benchmarks.report.exact import exact_solution
 from mjframes.benchmarks.report.incompatible import consistent_mass, incompatible_stiffness
 from mjframes.benchmarks.report.survey import Judged, Verdict, judge
 from mjframes.benchmarks.report.survey_page import survey_page
-from mjframes.body.options import PAPER, WHOLE_BODY
 from mjframes.volume.grid import voxel_grid
 from mjframes.volume.volume import Volume, require_connected
 

@@ -7,11 +7,10 @@ import pytest
 from builders.harness import region, respond, signed_svd
 from scipy.spatial.transform import Rotation
 
+from mjframes.base.choices import LAWS, Law
 from mjframes.base.errors import MjframesError
 from mjframes.elasticity.laws import (
-    LAWS,
     REACH,
-    Law,
     LawParameters,
     cauchy_stress,
     energy,

@@ -24,8 +24,8 @@ from builders.shapes import mixed
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
+from mjframes.base.choices import LAWS
 from mjframes.body.soft_body import SoftBody
-from mjframes.elasticity.laws import LAWS
 from mjframes.scene.view import soft
 
 METHODS = ("whole_body", "paper")

@@ -10,7 +10,7 @@ import pytest
 
 import mjframes as mf
 from examples import modes
-from mjframes.elasticity.laws import LAWS
+from mjframes.base.choices import LAWS
 
 DEFORMED = [mode for mode in modes.MOTIONS if mode != "rest"]
 SHEAR_MODULUS = modes.YOUNG / (2 * (1 + modes.POISSON))

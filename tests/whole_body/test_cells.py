@@ -15,10 +15,11 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
+from mjframes.base.choices import LAWS
 from mjframes.benchmarks.report.bricks import bricks, internal_force, nodal_load
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.corotational import SOFT_TWIST, CorotationalRegion, closest_rotation
-from mjframes.elasticity.laws import LAWS, hessian, law_of_constants, law_parameters, stress
+from mjframes.elasticity.laws import hessian, law_of_constants, law_parameters, stress
 from mjframes.scene.view import soft
 from mjframes.volume.grid import voxel_grid
 

@@ -12,10 +12,9 @@ from functools import cache
 
 import numpy as np
 
+from mjframes.base.choices import COROTATIONAL, LAWS, PAPER, WHOLE_BODY
 from mjframes.body.build import build
-from mjframes.body.options import PAPER, WHOLE_BODY
 from mjframes.body.soft_body import SoftBody
-from mjframes.elasticity.laws import COROTATIONAL, LAWS
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 

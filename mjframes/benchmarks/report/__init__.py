@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 
+from mjframes.base.choices import METHODS
 from mjframes.base.errors import MjframesError
 from mjframes.benchmarks.bench import machine
 from mjframes.benchmarks.report.bodies import all_bodies
@@ -28,7 +29,6 @@ from mjframes.benchmarks.report.survey import judge
 from mjframes.benchmarks.report.survey_page import write_survey_csv
 from mjframes.benchmarks.report.table2 import Line, measure
 from mjframes.benchmarks.report.vibration import exact_vibration, vibrations
-from mjframes.body.options import METHODS
 
 MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that the README shows
 HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0, brings it in"

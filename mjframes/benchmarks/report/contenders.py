@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mjframes.base.cache import SWITCH
+from mjframes.base.choices import PAPER, WHOLE_BODY
 from mjframes.base.errors import MjframesError
 from mjframes.benchmarks.report.cases import Case
 from mjframes.benchmarks.report.equilibrium import release, seconds_per_step, seconds_to_rest, settle
 from mjframes.body.build import build
-from mjframes.body.options import PAPER, WHOLE_BODY, Paper
+from mjframes.body.options import Paper
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Fixed
 from mjframes.kinematics.control import control_weights

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.choices import PAPER, WHOLE_BODY
 from mjframes.base.files import replacing
 from mjframes.benchmarks.report.measures import Outcome, Row, front, slopes
 from mjframes.benchmarks.report.survey import Judged, Verdict
 from mjframes.benchmarks.report.vibration import LOST, PERIODS, Vibration
-from mjframes.body.options import PAPER, WHOLE_BODY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

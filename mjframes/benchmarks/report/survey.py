@@ -14,12 +14,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.choices import PAPER, WHOLE_BODY
 from mjframes.base.errors import MjframesError
 from mjframes.benchmarks.report.bodies import Body, Load
 from mjframes.benchmarks.report.contenders import Setting, Simulation, timed_build
 from mjframes.benchmarks.report.equilibrium import TIMED_STEP, TIMESTEPS, seconds_per_step, settle
 from mjframes.benchmarks.report.exact import MODES, Exact
-from mjframes.body.options import PAPER, WHOLE_BODY
 from mjframes.frames.supports import Fixed
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from mjframes.base.choices import PAPER, WHOLE_BODY
 from mjframes.base.files import replacing
 from mjframes.benchmarks.report.bodies import PUSHED
 from mjframes.benchmarks.report.markdown import markdown_table
 from mjframes.benchmarks.report.survey import PROMISED_FRAMES, Judged, Verdict
-from mjframes.body.options import PAPER, WHOLE_BODY
 
 GROWTH = 1.2  # [-] more error than with fewer frames, that is promised not to be exceeded
 SHARES = [f"{share:.0%}" for share in PUSHED]
