@@ -175,8 +175,9 @@ MJFRAMES_INLINE void Scatter(const V* block, const int32_t* pair, double* stiffn
   }
 }
 
-// GCC 11 does not know these names of processors; clang has not been tried.
-#if defined(__x86_64__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__)
+// GCC 11 does not know these names of processors; clang has not been tried. Sanitizers, which guard every access of
+// each version, would compile for minutes.
+#if defined(__x86_64__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__) && !defined(MJFRAMES_SANITIZE)
 #define MJFRAMES_PROCESSORS 1
 
 template <typename Kernel>
