@@ -15,6 +15,7 @@ from mjframes.base.errors import MjframesError
 def replacing(path: str | os.PathLike[str], what: str) -> Iterator[Path]:
     """A temporary path beside `path`, with its ending, that takes its place when the block succeeds and goes when not.
 
+    It stays only where the process is killed: what is written bit by bit, as a log, can then be read there.
     Makes missing parent directories, which go too when the block fails.  Raises MjframesError, `what` ("the log")
     cannot be written, for what the system refuses, before the block runs where that is known.
     """
