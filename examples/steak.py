@@ -31,8 +31,7 @@ def run(out: Path, duration: float = 4.0) -> Recording:
     out.mkdir(parents=True, exist_ok=True)
     spec = steak_scene()
     model = spec.compile()
-    xml = spec.to_xml()
-    (out / "steak.xml").write_text(xml)
+    (out / "steak.xml").write_text(spec.to_xml())
     return record(
         model,
         duration,
@@ -40,7 +39,7 @@ def run(out: Path, duration: float = 4.0) -> Recording:
         plot=out / "steak.png",
         log=out / "steak.mcap",
         camera="front",
-        scene=xml,
+        scene=spec,
         progress=True,
     )
 

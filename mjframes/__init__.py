@@ -25,6 +25,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
 if TYPE_CHECKING:
+    from mjframes.app.log.options import Log
     from mjframes.app.run import record
     from mjframes.app.video import film, still
     from mjframes.body.build import TurnWarning, build
@@ -53,6 +54,7 @@ __all__ = [
     "Harmonic",
     "ImageWarning",
     "Linear",
+    "Log",
     "Material",
     "MeshWarning",
     "MjframesError",
@@ -77,6 +79,7 @@ __all__ = [
 
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
+    "app.log.options": ("Log",),
     "app.run": ("record",),
     "app.video": ("film", "still"),
     "body.build": ("TurnWarning", "build"),

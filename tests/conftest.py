@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytest_plugins = ["pytest_mjframes"]  # as an installed mjframes does by itself
+
 if not any(os.environ.get(name) for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")):
     try:
         CDLL("libEGL.so.1")

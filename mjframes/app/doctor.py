@@ -35,7 +35,8 @@ OPTIONAL = {
     "nrrd": ("reading .nrrd", "images"),
     "nibabel": ("reading .nii and .nii.gz", "images"),
     "av": ("writing films", "video"),
-    "mcap": ("writing logs", "log"),
+    "mcap": ("logs", "log"),
+    "foxglove_schemas_protobuf": ("what Foxglove draws of logs", "log"),
     "matplotlib": ("plots", "plot"),
     "dm_control": ("dm_control's Physics", "dm"),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -63,8 +64,7 @@ def _draw(recording: Recording, figure: Figure) -> None:
     _label(energy, "energy", "J")
     energy.legend(fontsize="small")
 
-    steps = np.arange(recording.steps) * recording.timestep
-    depth.plot(steps, recording.depth * 1e3, color="tab:red", linewidth=1)
+    depth.plot(time, series("penetration") * 1e3, color="tab:red", linewidth=1)
     depth.set_ylim(bottom=0)
     _label(depth, "greatest penetration", "mm")
 
@@ -80,10 +80,10 @@ def _draw(recording: Recording, figure: Figure) -> None:
     _label(speed, "fastest body", "m/s")
     for axes in grid[1]:
         axes.set_xlabel("time [s]")
-    figure.suptitle(
-        f"{recording.steps} steps of {recording.timestep * 1e3:g} ms, {recording.steps_per_second:.0f} steps/s "
-        f"({recording.real_time_factor:.2f} × real time)"
-    )
+    title = f"{recording.steps} steps of {recording.timestep * 1e3:g} ms"
+    if not math.isnan(recording.seconds):
+        title += f", {recording.steps_per_second:.0f} steps/s ({recording.real_time_factor:.2f} × real time)"
+    figure.suptitle(title)
 
 
 def _label(axes: Axes, title: str, unit: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,15 +15,16 @@ NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a nu
 class Instant:
     """One recorded instant.
 
-    time: [s].  qpos, qvel: the state.  kinetic, potential: of everything [J].
+    time: [s].  qpos, qvel, act: the state.  kinetic, potential: of everything [J].
     elastic, soft_kinetic: of each soft body, by name [J].  contacts: how many.
-    penetration: the deepest, 0 where nothing touches [m].  normal_force: sum over contacts [N].
-    speed: of the fastest body's centre of mass [m/s].
+    penetration: the deepest in the steps since the instant before, 0 where nothing touched [m].
+    normal_force: sum over contacts [N].  speed: of the fastest body's centre of mass [m/s].
     """
 
     time: float
     qpos: np.ndarray
     qvel: np.ndarray
+    act: np.ndarray
     kinetic: float
     potential: float
     elastic: dict[str, float]
@@ -42,16 +44,17 @@ class Instant:
 class Recording:
     """What a run gave.
 
-    instants: at most RECORDS of them, evenly spread.  steps: number of `mj_step` calls.  seconds: wall time in them.
-    timestep: [s].  depth: (steps,) deepest penetration in each step [m].  weight: of all that moves [N].
+    instants: at most RECORDS of them, evenly spread.  steps: number of `mj_step` calls.  seconds: wall time in them,
+    NaN where that is not known.  timestep: [s].  weight: of all that moves [N].
+    log_seconds: wall time that a log took, NaN without one.
     """
 
     instants: tuple[Instant, ...]
     steps: int
     seconds: float
     timestep: float
-    depth: np.ndarray
     weight: float
+    log_seconds: float = math.nan
 
     @property
     def steps_per_second(self) -> float:
@@ -66,12 +69,13 @@ class Recording:
     @property
     def penetration(self) -> float:
         """The deepest of the run [m]."""
-        return float(self.depth.max())
+        return max(instant.penetration for instant in self.instants)
 
     @property
     def final_penetration(self) -> float:
         """The deepest of the last second [m]."""
-        return float(self.depth[-max(1, round(1 / self.timestep)) :].max())
+        end = self.instants[-1].time
+        return max(instant.penetration for instant in self.instants if instant.time > end - 1)
 
     @property
     def energy(self) -> np.ndarray:
@@ -106,15 +110,16 @@ class Recording:
 
 def summary(recording: Recording) -> str:
     """The lines that `mjframes run` prints."""
-    return "\n".join(
-        (
-            f"steps         {recording.steps} of {recording.timestep * 1e3:g} ms",
-            f"speed         {recording.steps_per_second:.0f} steps/s, {recording.real_time_factor:.2f} × real time",
-            f"penetration   {recording.penetration * 1e3:.3f} mm at most, "
-            f"{recording.final_penetration * 1e3:.3f} mm in the last second",
-            f"energy        {_balance(recording)}",
-        )
-    )
+    lines = [
+        f"steps         {recording.steps} of {recording.timestep * 1e3:g} ms",
+        f"speed         {recording.steps_per_second:.0f} steps/s, {recording.real_time_factor:.2f} × real time",
+        f"penetration   {recording.penetration * 1e3:.3f} mm at most, "
+        f"{recording.final_penetration * 1e3:.3f} mm in the last second",
+        f"energy        {_balance(recording)}",
+    ]
+    if not math.isnan(recording.log_seconds):
+        lines.append(f"log           {1e6 * recording.log_seconds / recording.steps:.1f} µs a step")
+    return "\n".join(lines)
 
 
 def _balance(recording: Recording) -> str:

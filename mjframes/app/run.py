@@ -1,10 +1,4 @@
-"""Runs of a scene: plain `mj_step`, watched.
-
-Energies at the start of a step, when positions, velocities and contacts of MjData belong together:
-kinetic ½ Σ_b (m_b |v_b|² + ω_bᵀ I_b ω_b) + ½ Σ_d armature_d q̇_d² over bodies b and degrees of freedom d, potential as
-MuJoCo has it (gravity and springs), elastic as the soft bodies have it. MuJoCo's own kinetic energy is not used: during
-a step its mass matrix is that of equation (7), M + hC + h²K.
-"""
+"""Runs of a scene: plain `mj_step`, watched."""
 
 from __future__ import annotations
 
@@ -12,18 +6,25 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
 
 import mujoco
-import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from mjframes.app.log.options import TOPICS, Log
+from mjframes.app.measure import measure, penetration, state_of, weight_of
 from mjframes.app.recording import Instant, Recording
+from mjframes.app.ticks import Ticks
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
 from mjframes.scene.load import mujoco_warnings, sentence
+from mjframes.scene.packed import pack
+
+if TYPE_CHECKING:
+    from mjframes.app.log.session import Logging
 
 RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of some megabytes
 DIVERGED = [
@@ -38,18 +39,20 @@ def record(
     duration: float,
     *,
     video: str | os.PathLike[str] | None = None,
-    log: str | os.PathLike[str] | None = None,
+    log: str | os.PathLike[str] | Log | None = None,
     plot: str | os.PathLike[str] | None = None,
     camera: str | None = None,
     fps: float = 30.0,
     size: tuple[int, int] = (1280, 720),
-    scene: str = "",
+    scene: mujoco.MjSpec | None = None,
     progress: bool = False,
 ) -> Recording:
     """Step a scene from its initial state for `duration` [s] and record it.
 
-    video, log, plot: files to write (.mp4, .mcap, .png), all of them or, where the run fails, none.
-    camera, fps, size: of the video, see `video.film`.  scene: XML to attach to the log.
+    video, log, plot: files to write (.mp4, .mcap, .png), all of them or, where the run fails, none; `Log(…)` chooses
+    what is logged, and how often.
+    camera, fps, size: of the video, see `video.film`.  scene: what the model was compiled from, which goes into the log
+    with the files that it names; a log without it has no film later.
     progress: show a bar on a terminal.
     Raises MjframesError for bad arguments, a scene the plugin refuses and a simulation that diverges.
     """
@@ -60,9 +63,8 @@ def record(
         raise MjframesError(f"the scene's timestep is {timestep!r}; it must be a positive time in seconds, as 0.002.")
     steps = max(1, round(duration / timestep))
     stride = math.ceil(steps / RECORDS)
-    depth = np.zeros(steps)
     instants: list[Instant] = []
-    seconds, frames = 0.0, 0
+    seconds = deepest = 0.0
     with ExitStack() as stack:
         warnings = stack.enter_context(mujoco_warnings())
         stack.enter_context(_potential_energy(model))
@@ -71,57 +73,91 @@ def record(
         except mujoco.FatalError as error:
             raise MjframesError(f"MuJoCo cannot start the scene ({sentence(error, warnings)}).") from error
         bodies = {name: view.soft(model, data, name) for name in view.soft_names(model)}
-        draw = write = save_plot = None
-        if video is not None:
-            from mjframes.app.video import film
-
-            draw = stack.enter_context(film(model, video, camera=camera, fps=fps, size=size))
+        weight, logging = weight_of(model), None
         if log is not None:
-            from mjframes.app.log import log_file
+            from mjframes.app.log.session import Logging
+            from mjframes.app.log.write import log_file
 
-            write = stack.enter_context(log_file(log, tuple(bodies), scene))
+            chosen = log if isinstance(log, Log) else Log(log)
+            topics = chosen.topics or tuple(topic for topic in TOPICS if topic != "video" or video is not None)
+            files = pack(scene) if scene else {}
+            writer = stack.enter_context(log_file(chosen.path, model, list(bodies), topics, files))
+            writer.about({"timestep": timestep, "weight": weight, "mujoco": mujoco.mj_versionString()})
+            logging = Logging(writer, topics, chosen.rate, fps, timestep)
+        draw = stack.enter_context(_pictures(model, video, logging, camera, fps, size))
+        save_plot = None
         if plot is not None:
             from mjframes.app.plot import plot_file
 
             save_plot = stack.enter_context(plot_file(plot))
         hidden = not (progress and sys.stderr.isatty())
         for step in track(range(steps), "stepping", console=Console(stderr=True), transient=True, disable=hidden):
-            qpos, qvel, now = data.qpos.copy(), data.qvel.copy(), data.time
+            state = state_of(data)
             start = time.perf_counter()
             mujoco.mj_step(model, data)
             seconds += time.perf_counter() - start
             if data.warning.number[DIVERGED].any():
-                reason = warnings[-1] if warnings else f"Time = {now:.4f}."
+                reason = warnings[-1] if warnings else f"Time = {state.time:.4f}."
                 raise MjframesError(
                     f"the simulation diverged: {reason} Try a smaller timestep, or damping where the scene has none."
                 )
-            depth[step] = penetration(data)
-            if step % stride == 0 or step == steps - 1:
-                instants.append(_instant(model, data, bodies, now, qpos, qvel, depth[step]))
-                if write is not None:
-                    write(instants[-1])
-            if draw is not None and now >= frames / fps - timestep / 2:
-                draw(data)
-                frames += 1
-        recording = Recording(tuple(instants), steps, seconds, timestep, depth, _weight(model))
+            depth = penetration(data)
+            deepest = max(deepest, depth)
+            kept = step % stride == 0 or step == steps - 1
+            if kept:
+                instants.append(measure(model, data, bodies, state, deepest))
+                deepest = 0.0
+            if logging is not None:
+                logging.step(model, data, bodies, state, depth, instants[-1] if kept else None)
+            if draw is not None:
+                draw(data, state.time)
+        log_seconds = math.nan
+        if logging is not None:
+            log_seconds = logging.end({"steps": steps, "seconds": seconds})
+        recording = Recording(tuple(instants), steps, seconds, timestep, weight, log_seconds)
         if save_plot is not None:
             save_plot(recording)
     return recording
 
 
-def penetration(data: mujoco.MjData) -> float:
-    """The deepest penetration of the contacts that act [m], 0 where nothing touches; current after `mj_step`."""
-    acting = data.contact.dist[data.contact.exclude == 0]
-    return max(0.0, -float(acting.min())) if len(acting) else 0.0
+@contextmanager
+def _pictures(
+    model: mujoco.MjModel,
+    video: str | os.PathLike[str] | None,
+    logging: Logging | None,
+    camera: str | None,
+    fps: float,
+    size: tuple[int, int],
+) -> Iterator[Callable[[mujoco.MjData, float], None] | None]:
+    """A function that draws what is due at a time [s], once for the film and the log; None where neither has any."""
+    in_log = logging is not None and logging.has_video
+    if video is None and not in_log:
+        yield None
+        return
+    from mjframes.app.video import find_camera, movie, packets, painter
 
+    with ExitStack() as stack:
+        add = stack.enter_context(movie(video, fps, size)) if video is not None else None
+        encode = packets(fps, size) if in_log else None
+        paint = stack.enter_context(painter(model, camera, size))
+        number = find_camera(model, camera)
+        name = (model.camera(number).name if number >= 0 else "") or "camera"
+        ticks = Ticks(fps, early=model.opt.timestep / 2)
 
-def kinetic_energy(model: mujoco.MjModel, data: mujoco.MjData, qvel: np.ndarray) -> float:
-    """Of all bodies and armatures, as MuJoCo knows their masses [J].  qvel: (nv,), that of data's `cvel`."""
-    velocity = _center_velocities(model, data)
-    spin = np.einsum("bji,bj->bi", data.ximat.reshape(-1, 3, 3), data.cvel[:, :3])
-    linear = model.body_mass @ (velocity**2).sum(axis=1)
-    angular = (model.body_inertia * spin**2).sum()
-    return 0.5 * float(linear + angular + model.dof_armature @ qvel**2)
+        def draw(data: mujoco.MjData, now: float) -> None:
+            due = ticks.due(now)
+            if not due:
+                return
+            start = time.perf_counter()
+            picture = paint(data)
+            if add is not None:
+                for _ in range(due):
+                    add(picture)
+                start = time.perf_counter()  # the log costs what the film does not
+            if encode is not None and logging is not None:
+                logging.picture(encode(picture), name, now, start)
+
+        yield draw
 
 
 @contextmanager
@@ -133,45 +169,3 @@ def _potential_energy(model: mujoco.MjModel) -> Iterator[None]:
         yield
     finally:
         model.opt.enableflags = before
-
-
-def _instant(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    bodies: dict[str, view.Soft],
-    now: float,
-    qpos: np.ndarray,
-    qvel: np.ndarray,
-    depth: float,
-) -> Instant:
-    return Instant(
-        time=now,
-        qpos=qpos,
-        qvel=qvel,
-        kinetic=kinetic_energy(model, data, qvel) + sum(float(body.kinetic_difference) for body in bodies.values()),
-        potential=float(data.energy[0]),
-        elastic={name: float(body.elastic_energy) for name, body in bodies.items()},
-        soft_kinetic={name: float(body.kinetic_energy) for name, body in bodies.items()},
-        contacts=data.ncon,
-        penetration=float(depth),
-        normal_force=_normal_force(model, data),
-        speed=float(np.linalg.norm(_center_velocities(model, data), axis=1).max()),
-    )
-
-
-def _center_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """(nbody, 3) velocities of the bodies' centres of mass [m/s]; `cvel` is about the centre of the whole tree."""
-    arm = data.xipos - data.subtree_com[model.body_rootid]
-    return data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm)
-
-
-def _normal_force(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    force, total = np.zeros(6), 0.0
-    for contact in range(data.ncon):
-        mujoco.mj_contactForce(model, data, contact, force)
-        total += force[0]
-    return float(total)
-
-
-def _weight(model: mujoco.MjModel) -> float:
-    return float(model.body_mass[model.body_weldid != 0].sum() * np.linalg.norm(model.opt.gravity))

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from ctypes import CDLL
 from fractions import Fraction
 from pathlib import Path
+from types import ModuleType
 
 import mujoco
 import numpy as np
@@ -20,6 +21,64 @@ from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 
 QUALITY = {"crf": "20", "preset": "veryfast"}  # of x264: no visible loss, and faster than the drawing
+# Each picture alone in a packet, as Foxglove needs it, and one a second that can be decoded without those before
+LIVE = {**QUALITY, "tune": "zerolatency", "bf": "0", "x264-params": "repeat-headers=1:annexb=1"}
+
+Picture = NDArray[np.uint8]
+
+
+@contextmanager
+def painter(
+    model: mujoco.MjModel, camera: str | None = None, size: tuple[int, int] = (1280, 720)
+) -> Iterator[Callable[[mujoco.MjData], Picture]]:
+    """A function that draws a state as a picture (height, width, 3); arguments as of `film`."""
+    number = find_camera(model, camera)
+    renderer = make_renderer(model, *size)
+
+    def paint(data: mujoco.MjData) -> Picture:
+        renderer.update_scene(data, camera=number)
+        return renderer.render()
+
+    try:
+        yield paint
+    finally:
+        renderer.close()
+
+
+@contextmanager
+def movie(path: str | os.PathLike[str], fps: float, size: tuple[int, int]) -> Iterator[Callable[[Picture], None]]:
+    """A function that adds a picture as a frame; arguments, the file and what is raised as of `film`."""
+    av = _pyav(fps, size)
+    if Path(path).suffix.lower() not in (".mp4", ".mkv", ".mov"):
+        raise MjframesError(f"{path}: a video is written as .mp4, .mkv or .mov; give the path one of these endings.")
+    with (
+        replacing(path, "the video") as partial,
+        av.open(str(partial), "w", options={"movflags": "+faststart"}) as container,
+    ):
+        stream = container.add_stream("libx264", rate=_rate(fps), options=QUALITY)
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"
+        yield lambda picture: container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+def packets(fps: float, size: tuple[int, int]) -> Callable[[Picture], bytes]:
+    """Return a function that encodes one picture after the other as H.264 in Annex B; arguments as of `film`.
+
+    Raise MjframesError as `film` does.
+    """
+    av = _pyav(fps, size)
+    codec = av.CodecContext.create("libx264", "w")
+    codec.width, codec.height = size
+    codec.pix_fmt = "yuv420p"
+    codec.framerate, codec.time_base = _rate(fps), 1 / _rate(fps)
+    codec.gop_size = max(1, round(fps))
+    codec.options = LIVE
+
+    def encode(picture: Picture) -> bytes:
+        return b"".join(map(bytes, codec.encode(av.VideoFrame.from_ndarray(picture, format="rgb24"))))
+
+    return encode
 
 
 @contextmanager
@@ -37,34 +96,8 @@ def film(
     fps: frames a second.  size: (width, height) [pixels], even numbers.
     Raises MjframesError for an unknown camera, a size or rate that cannot be, or where drawing or writing fails.
     """
-    try:
-        import av
-    except ImportError as error:
-        raise MjframesError('a video needs PyAV, which is not installed; pip install "mjframes[video]".') from error
-    width, height = size
-    if not all(side >= 16 and side % 2 == 0 for side in size):
-        raise MjframesError(f"size is {width}x{height}; a video needs even numbers of pixels, 16 or more.")
-    if not (math.isfinite(fps) and 0 < fps <= 1000):
-        raise MjframesError(f"fps is {fps!r}; it must be a number of frames a second between 0 and 1000.")
-    if Path(path).suffix.lower() not in (".mp4", ".mkv", ".mov"):
-        raise MjframesError(f"{path}: a video is written as .mp4, .mkv or .mov; give the path one of these endings.")
-    number = find_camera(model, camera)
-    with replacing(path, "the video") as partial:
-        renderer = make_renderer(model, width, height)
-        try:
-            with av.open(str(partial), "w", options={"movflags": "+faststart"}) as container:
-                stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001), options=QUALITY)
-                stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-
-                def draw(data: mujoco.MjData) -> None:
-                    renderer.update_scene(data, camera=number)
-                    frame = av.VideoFrame.from_ndarray(renderer.render(), format="rgb24")
-                    container.mux(stream.encode(frame))
-
-                yield draw
-                container.mux(stream.encode(None))
-        finally:
-            renderer.close()
+    with movie(path, fps, size) as add, painter(model, camera, size) as paint:
+        yield lambda data: add(paint(data))
 
 
 def still(
@@ -122,6 +155,23 @@ def make_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Rend
 def has_display() -> bool:
     """Whether windows can open; beyond Linux that is taken for granted."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _pyav(fps: float, size: tuple[int, int]) -> ModuleType:
+    """PyAV, for films that can be.  Raises MjframesError for others, and where it is missing."""
+    try:
+        import av
+    except ImportError as error:
+        raise MjframesError('a video needs PyAV, which is not installed; pip install "mjframes[video]".') from error
+    if not all(side >= 16 and side % 2 == 0 for side in size):
+        raise MjframesError(f"size is {size[0]}x{size[1]}; a video needs even numbers of pixels, 16 or more.")
+    if not (math.isfinite(fps) and 0 < fps <= 1000):
+        raise MjframesError(f"fps is {fps!r}; it must be a number of frames a second between 0 and 1000.")
+    return av
+
+
+def _rate(fps: float) -> Fraction:
+    return Fraction(fps).limit_denominator(1001)
 
 
 def _choose_backend() -> None:

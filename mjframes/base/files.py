@@ -15,6 +15,7 @@ from mjframes.base.errors import MjframesError
 def replacing(path: str | os.PathLike[str], what: str) -> Iterator[Path]:
     """Yield a temporary path beside `path`, with its ending, that takes its place when the block succeeds, else goes.
 
+    It stays only where the process is killed: what is written bit by bit, as a log, can then be read there.
     Make missing parent directories, which go too when the block fails.  Raise MjframesError, `what` ("the log")
     cannot be written, for what the system refuses, before the block runs where that is known.
     """

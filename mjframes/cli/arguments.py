@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NoReturn
 
+from mjframes.app.log.options import TOPICS
 from mjframes.base.choices import (
     COROTATIONAL,
     FRAME_TYPES,
@@ -152,12 +153,30 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="(default %(default)s)")
     command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
     command.add_argument("--log", metavar="FILE", help="log to write: .mcap, for Foxglove")
-    command.add_argument("--plot", metavar="FILE", help="figure to write: .png, .pdf, .svg")
-    command.add_argument("--camera", metavar="NAME", help="camera of the film (default: the scene's first)")
-    command.add_argument("--fps", type=float, default=30.0, metavar="N", help="frames a second (default %(default)s)")
     command.add_argument(
-        "--size", type=_size, default=(1280, 720), metavar="WxH", help="of the film (default 1280x720)"
+        "--log-rate",
+        type=_factor,
+        metavar="HZ",
+        help="entries of the log a simulated second (default: numbers as often as in a plot, the scene as in a film)",
     )
+    command.add_argument(
+        "--log-topics",
+        type=_topics,
+        metavar="NAME,…",
+        help=f"what to log (default {','.join(TOPICS[:-1])}, and {TOPICS[-1]} with --video)",
+    )
+    command.add_argument("--plot", metavar="FILE", help="figure to write: .png, .pdf, .svg")
+    _add_film(command)
+
+    command = commands.add_parser("replay", help="make film, plot and states of a log, without simulating again")
+    command.set_defaults(command=functions["replay"])
+    command.add_argument("log", metavar="LOG", help="log that run wrote (.mcap), or what a killed run left of it")
+    command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
+    command.add_argument("--plot", metavar="FILE", help="figure to write: .png, .pdf, .svg")
+    command.add_argument(
+        "--state", type=float, metavar="T", help="print the logged state nearest to this time [s], as JSON"
+    )
+    _add_film(command)
 
     command = commands.add_parser("view", help="open a scene in MuJoCo's viewer")
     command.set_defaults(command=functions["view"])
@@ -203,6 +222,21 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--seed", type=_seed, default=0, help="of the first of those scenes (default %(default)s)")
     command.add_argument("--out", default="out", metavar="FOLDER", help="of table and map (default %(default)s)")
     return parser
+
+
+def _add_film(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--camera", metavar="NAME", help="camera of the film (default: the scene's first)")
+    command.add_argument("--fps", type=float, default=30.0, metavar="N", help="frames a second (default %(default)s)")
+    command.add_argument(
+        "--size", type=_size, default=(1280, 720), metavar="WxH", help="of the film (default 1280x720)"
+    )
+
+
+def _topics(text: str) -> tuple[str, ...]:
+    topics = tuple(text.split(","))
+    if unknown := [topic for topic in topics if topic not in TOPICS]:
+        raise argparse.ArgumentTypeError(f"{unknown[0]!r} is none of {', '.join(TOPICS)}")
+    return topics
 
 
 def _count(text: str) -> int:

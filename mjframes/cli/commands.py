@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `view`, `bench`, `report`, `check`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `view`, `bench`, `report`, `check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -6,6 +6,7 @@ A mistake of the user ends in one sentence on stderr and exit code 2; files appe
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import sys
@@ -233,28 +234,51 @@ def inspect(arguments: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Step a scene; write video, log and plot; print what was measured."""
+    from mjframes.app.log.options import Log
     from mjframes.app.recording import summary
     from mjframes.app.run import record
     from mjframes.scene.load import load_scene
     from mjframes.scene.solver import advice
     from mjframes.scene.view import soft_names
 
+    if not arguments.log and (arguments.log_rate or arguments.log_topics):
+        raise MjframesError("--log-rate and --log-topics are of a log; give --log FILE.mcap as well.")
     model, spec = load_scene(arguments.scene)
     recording = record(
         model,
         arguments.duration,
         video=arguments.video,
-        log=arguments.log,
+        log=Log(arguments.log, arguments.log_rate, arguments.log_topics) if arguments.log else None,
         plot=arguments.plot,
         camera=arguments.camera,
         fps=arguments.fps,
         size=arguments.size,
-        scene=spec.to_xml() if arguments.log else "",
+        scene=spec,
         progress=True,
     )
     print(summary(recording))
     if (faster := advice(model)) and soft_names(model):
         print(f"solver        {faster} is made for {model.nv} degrees of freedom")
+    return 0
+
+
+def replay(arguments: argparse.Namespace) -> int:
+    """Make film, plot and states of a log, without simulating again."""
+    from mjframes.app.log.read import read_log
+    from mjframes.app.replay import film_of, plot_of, state_at
+
+    if not (arguments.video or arguments.plot or arguments.state is not None):
+        raise MjframesError("nothing is asked for; give --video, --plot or --state.")
+    log = read_log(arguments.log)
+    if not log.whole:
+        end = log.states()[-1]["time"]
+        print(f"mjframes: {arguments.log}: the log was cut off at {end:g} s; what is there is used.", file=sys.stderr)
+    if arguments.plot:
+        plot_of(log, arguments.plot)
+    if arguments.video:
+        film_of(log, arguments.video, arguments.camera, arguments.fps, arguments.size)
+    if arguments.state is not None:
+        print(json.dumps(state_at(log, arguments.state)))
     return 0
 
 
@@ -345,6 +369,7 @@ COMMANDS = {
     "build": build,
     "inspect": inspect,
     "run": run,
+    "replay": replay,
     "view": view,
     "bench": bench,
     "report": report,

@@ -11,7 +11,7 @@ import pytest
 import mjframes as mf
 from examples import kernels, knee, rat
 from examples.steak import run, steak_scene
-from mjframes.app.log import read_log
+from mjframes.app.log.read import read_log
 
 
 def test_steak_comes_to_rest_on_the_block() -> None:

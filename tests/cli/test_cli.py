@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -53,9 +54,33 @@ def test_run_prints_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["run", str(tmp_path / "scene.xml"), "--duration", "0.2", "--log", str(log)]) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
-    assert [line.split()[0] for line in captured.out.splitlines()] == ["steps", "speed", "penetration", "energy"]
+    assert [line.split()[0] for line in captured.out.splitlines()] == [
+        *("steps", "speed", "penetration", "energy", "log")
+    ]
     assert "100 of 2 ms" in captured.out
     assert log.is_file()
+
+
+def test_a_log_is_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene.xml").write_text(SCENE)
+    log, plot, film = (tmp_path / f"run{ending}" for ending in (".mcap", ".svg", ".mp4"))
+    command = ["run", str(tmp_path / "scene.xml"), "--duration", "0.2", "--log", str(log)]
+    assert main([*command, "--log-rate", "100", "--log-topics", "state,energy,contacts"]) == 0
+    (tmp_path / "scene.xml").unlink()
+    capsys.readouterr()
+    asked = ["--state", "0.1", "--plot", str(plot), "--video", str(film), "--size", "64x48"]
+    assert main(["replay", str(log), *asked]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    state = json.loads(captured.out)
+    assert state["time"] == pytest.approx(0.1)
+    assert len(state["qpos"]) == 7
+    assert state["qpos"][2] == pytest.approx(0.1, abs=2e-3)
+    assert plot.stat().st_size > 10_000
+    assert film.stat().st_size > 500
+    log.write_bytes(log.read_bytes()[:-500])  # as a killed run leaves it
+    assert main(["replay", str(log), "--state", "0"]) == 0
+    assert re.search(r"^mjframes: .*run\.mcap: the log was cut off at 0\.19 s; .*\n$", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(
@@ -65,6 +90,10 @@ def test_run_prints_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["run", "scene.xml", "--duration", "-1"], "duration is -1.0"),
         (["run", "scene.xml", "--size", "big"], "'big' is not WIDTHxHEIGHT"),
         (["run", "scene.xml", "--duration", ".1", "--video", "a.mp4", "--camera", "x"], "it has no named cameras"),
+        (["run", "scene.xml", "--log-rate", "5"], "--log-rate and --log-topics are of a log; give --log FILE.mcap"),
+        (["run", "scene.xml", "--log", "a.mcap", "--log-topics", "state,sound"], "'sound' is none of state, energy"),
+        (["replay", "none.mcap"], "nothing is asked for; give --video, --plot or --state"),
+        (["replay", "none.mcap", "--state", "0"], "none.mcap: the log cannot be read"),
         (["run"], "the following arguments are required: SCENE; see mjframes run --help."),
         (["build", "none.npz", "-o", "a.xml"], "none.npz"),
         (["build", "none.npz", "-o", "a.obj"], "a.obj: the output is"),

@@ -1,0 +1,273 @@
+"""A scene as Foxglove's 3D panel draws it: its schemas `SceneUpdate` and `FrameTransforms`.
+
+Rigid geoms are said once, each in the frame of its body, and go where the transforms take that. Skins are said anew in
+every message, deformed, in the frame of the world. What MuJoCo draws by default is drawn: geoms of the groups 0 to 2.
+A texture counts with its mean colour.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+
+WORLD = "world"
+DRAWN = 3  # geom groups from this on are not drawn by MuJoCo's default
+PLAIN = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that is given none, MuJoCo's default
+ENDLESS = 4.0  # [-] of the scene's extent: half of a plane that has no end
+THIN = 1e-3  # [-] of the scene's extent: thickness of a plane
+HEAD = 0.25  # [-] of an arrow's length that is its head
+RED = (0.9, 0.2, 0.1, 1.0)
+
+# One Point3 of the field `points` in protobuf's wire format: a thousand of them take 0.1 ms so, 5 ms as objects
+POINT = np.dtype(
+    [("tag", "V2"), ("x_tag", "V1"), ("x", "<f8"), ("y_tag", "V1"), ("y", "<f8"), ("z_tag", "V1"), ("z", "<f8")]
+)
+POINTS_TAG = TriangleListPrimitive.DESCRIPTOR.fields_by_name["points"].number << 3 | 2  # of what has a length
+
+
+def timestamp(time: float) -> Timestamp:
+    """Return simulated time [s] as protobuf has it."""
+    seconds, nanoseconds = divmod(nanoseconds_of(time), 10**9)
+    return Timestamp(seconds=seconds, nanos=nanoseconds)
+
+
+def nanoseconds_of(time: float) -> int:
+    """Return simulated time [s] in nanoseconds."""
+    return round(time * 1e9)
+
+
+def transforms(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> FrameTransforms:
+    """Return where the bodies are in the world."""
+    now = timestamp(time)
+    return FrameTransforms(
+        transforms=[
+            FrameTransform(
+                timestamp=now,
+                parent_frame_id=WORLD,
+                child_frame_id=frame_name(model, body),
+                translation=_vector(data.xpos[body]),
+                rotation=_quaternion(data.xquat[body]),
+            )
+            for body in range(1, model.nbody)
+        ]
+    )
+
+
+def frame_name(model: mujoco.MjModel, body: int) -> str:
+    """Return the frame of a body: its name, `body_3` where it has none."""
+    return model.body(body).name or f"body_{body}"
+
+
+def rigid_scene(model: mujoco.MjModel) -> SceneUpdate:
+    """Return the rigid geoms, one entity a body, which follows that body's frame."""
+    entities = {}
+    for geom in range(model.ngeom):
+        color = geom_color(model, geom)
+        draw = SHAPES.get(int(model.geom_type[geom]))
+        if model.geom_group[geom] >= DRAWN or color[3] == 0 or draw is None:
+            continue
+        frame = frame_name(model, int(model.geom_bodyid[geom]))
+        new = SceneEntity(timestamp=timestamp(0), frame_id=frame, id=frame, frame_locked=True)
+        draw(model, geom, entities.setdefault(frame, new), _color(color))
+    return SceneUpdate(entities=entities.values())
+
+
+def soft_scene(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene, time: float) -> SceneUpdate:
+    """Return the skins as they are deformed, one entity each.  scene: of MuJoCo's visualization, for the model."""
+    mujoco.mjv_updateSkin(model, data, scene)
+    vertices = np.reshape(scene.skinvert, (-1, 3))
+    entities = []
+    for skin in range(model.nskin):
+        start, count = model.skin_vertadr[skin], model.skin_vertnum[skin]
+        triangles = TriangleListPrimitive.FromString(point_bytes(vertices[start : start + count]) + _skin(model, skin))
+        name = model.skin(skin).name or f"skin_{skin}"
+        entities.append(SceneEntity(timestamp=timestamp(time), frame_id=WORLD, id=name, triangles=[triangles]))
+    return SceneUpdate(entities=entities)
+
+
+def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> SceneUpdate:
+    """Return an arrow for the force that each contact's first geom puts on the second, as long as MuJoCo draws it."""
+    arrows, wrench = [], np.zeros(6)
+    length = model.vis.map.force / model.stat.meanmass  # [m/N]
+    width = model.vis.scale.forcewidth * model.stat.meansize  # [m]
+    for number in range(data.ncon):
+        mujoco.mj_contactForce(model, data, number, wrench)
+        contact = data.contact[number]
+        force = np.reshape(contact.frame, (3, 3)).T @ wrench[:3]
+        size = float(np.linalg.norm(force))
+        if size > 0:
+            arrow = ArrowPrimitive(
+                pose=Pose(position=_vector(contact.pos), orientation=_quaternion(_turn_of_x(force / size))),
+                shaft_length=(1 - HEAD) * length * size,
+                shaft_diameter=width,
+                head_length=HEAD * length * size,
+                head_diameter=2 * width,
+                color=_color(RED),
+            )
+            arrows.append(arrow)
+    entity = SceneEntity(timestamp=timestamp(time), frame_id=WORLD, id="contact forces", arrows=arrows)
+    return SceneUpdate(entities=[entity])
+
+
+def point_bytes(points: np.ndarray) -> bytes:
+    """Return points (n, 3) as the field `points` of a serialized TriangleListPrimitive."""
+    table = np.empty(len(points), POINT)
+    table["tag"] = bytes([POINTS_TAG, POINT.itemsize - 2])
+    for number, axis in enumerate("xyz", start=1):
+        table[f"{axis}_tag"] = bytes([number << 3 | 1])  # eight bytes follow
+        table[axis] = points[:, number - 1]
+    return table.tobytes()
+
+
+def geom_color(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return a geom's rgba (4,): its own where it has one, else its material's, times the mean of the texture."""
+    own, material = model.geom_rgba[geom], int(model.geom_matid[geom])
+    return own if material < 0 or tuple(own) != PLAIN else _material_color(model, material)
+
+
+def _material_color(model: mujoco.MjModel, material: int) -> np.ndarray:
+    color = np.array(model.mat_rgba[material], float)
+    texture = int(model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
+    if texture >= 0 and (channels := int(model.tex_nchannel[texture])) >= 3:
+        start = int(model.tex_adr[texture])
+        size = int(model.tex_width[texture]) * int(model.tex_height[texture]) * channels
+        color[:3] *= model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(axis=0) / 255
+    return color
+
+
+def _skin(model: mujoco.MjModel, skin: int) -> bytes:
+    """Return what does not change of a skin's triangles, serialized."""
+    material = int(model.skin_matid[skin])
+    color = model.skin_rgba[skin] if material < 0 else _material_color(model, material)
+    start, count = model.skin_faceadr[skin], model.skin_facenum[skin]
+    return _triangles(model.skin_face[start : start + count].ravel().astype("<u4").tobytes(), tuple(map(float, color)))
+
+
+@functools.lru_cache(maxsize=64)
+def _triangles(indices: bytes, color: tuple[float, ...]) -> bytes:
+    """Return a serialized TriangleListPrimitive without points; kept, as it is the same in every message."""
+    faces = np.frombuffer(indices, "<u4").tolist()
+    return TriangleListPrimitive(indices=faces, color=_color(color)).SerializeToString()
+
+
+def _plane(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    extent = model.stat.extent
+    x, y, _ = (2 * (half or ENDLESS * extent) for half in model.geom_size[geom].tolist())
+    thickness = THIN * extent
+    pose = _pose(model, geom, (0, 0, -thickness / 2))
+    entity.cubes.append(CubePrimitive(pose=pose, size=_vector((x, y, thickness)), color=color))
+
+
+def _ball(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    sphere = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
+    size = 2 * (np.repeat(model.geom_size[geom, 0], 3) if sphere else model.geom_size[geom])
+    entity.spheres.append(SpherePrimitive(pose=_pose(model, geom), size=_vector(size), color=color))
+
+
+def _cylinder(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    radius, half, _ = model.geom_size[geom]
+    size = _vector((2 * radius, 2 * radius, 2 * half))
+    cylinder = CylinderPrimitive(pose=_pose(model, geom), size=size, bottom_scale=1, top_scale=1, color=color)
+    entity.cylinders.append(cylinder)
+
+
+def _capsule(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    _cylinder(model, geom, entity, color)
+    radius, half, _ = model.geom_size[geom]
+    for end in (-half, half):
+        pose = _pose(model, geom, (0, 0, end))
+        entity.spheres.append(SpherePrimitive(pose=pose, size=_vector(np.repeat(2 * radius, 3)), color=color))
+
+
+def _box(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    size = _vector(2 * model.geom_size[geom])
+    entity.cubes.append(CubePrimitive(pose=_pose(model, geom), size=size, color=color))
+
+
+def _mesh(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    mesh = int(model.geom_dataid[geom])
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+    _add_surface(model, geom, entity, color, vertices, faces)
+
+
+def _height_field(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    field = int(model.geom_dataid[geom])
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    x, y, z, _ = model.hfield_size[field]
+    heights = z * model.hfield_data[model.hfield_adr[field] :][: rows * columns]
+    grid = np.meshgrid(np.linspace(-x, x, columns), np.linspace(-y, y, rows))
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    faces = [corner, corner + 1, corner + columns, corner + 1, corner + columns + 1, corner + columns]
+    vertices = np.column_stack([grid[0].ravel(), grid[1].ravel(), heights])
+    _add_surface(model, geom, entity, color, vertices, np.stack(faces, axis=1).reshape(-1, 3))
+
+
+def _add_surface(
+    model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color, vertices: np.ndarray, faces: np.ndarray
+) -> None:
+    triangles = TriangleListPrimitive.FromString(point_bytes(vertices))
+    triangles.pose.CopyFrom(_pose(model, geom))
+    triangles.color.CopyFrom(color)
+    triangles.indices.extend(faces.ravel().tolist())
+    entity.triangles.append(triangles)
+
+
+SHAPES: dict[int, Callable[[mujoco.MjModel, int, SceneEntity, Color], None]] = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): _plane,
+    int(mujoco.mjtGeom.mjGEOM_HFIELD): _height_field,
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): _ball,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): _capsule,
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _ball,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): _cylinder,
+    int(mujoco.mjtGeom.mjGEOM_BOX): _box,
+    int(mujoco.mjtGeom.mjGEOM_MESH): _mesh,
+    int(mujoco.mjtGeom.mjGEOM_SDF): _mesh,
+}
+
+
+def _pose(model: mujoco.MjModel, geom: int, offset: tuple[float, float, float] = (0, 0, 0)) -> Pose:
+    """Return a geom's pose in its body, moved by `offset` along its own axes."""
+    turned = np.zeros(3)
+    mujoco.mju_rotVecQuat(turned, np.array(offset, float), model.geom_quat[geom])
+    return Pose(position=_vector(model.geom_pos[geom] + turned), orientation=_quaternion(model.geom_quat[geom]))
+
+
+def _turn_of_x(direction: np.ndarray) -> np.ndarray:
+    """Return the quaternion (w, x, y, z) that turns the x axis to a unit vector."""
+    if direction[0] < -1 + 1e-12:
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    turn = np.array([1 + direction[0], 0.0, -direction[2], direction[1]])
+    return turn / np.linalg.norm(turn)
+
+
+def _vector(values: np.ndarray | tuple[float, float, float]) -> Vector3:
+    x, y, z = map(float, values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(values: np.ndarray) -> Quaternion:
+    w, x, y, z = map(float, values)
+    return Quaternion(w=w, x=x, y=y, z=z)
+
+
+def _color(values: np.ndarray | tuple[float, ...]) -> Color:
+    r, g, b, a = map(float, values)
+    return Color(r=r, g=g, b=b, a=a)

@@ -1,0 +1,109 @@
+"""Numbers of a log: JSON messages, which keep every float64 as it is, and the JSON schemas that Foxglove plots by.
+
+Topics: /state, /energy and /soft/<name> for each soft body, /contacts, /sensors. All is SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjframes.app.recording import Instant
+
+NUMBERS = {"type": "array", "items": {"type": "number"}}
+FIELDS: dict[str, dict[str, Any]] = {
+    "state": {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS, "speed": "m/s, of the fastest body"},
+    "energy": {"kinetic": "J", "potential": "J, gravity and springs", "elastic": "J", "total": "J"},
+    "contacts": {"count": "contacts", "penetration": "m, deepest since the message before", "normal_force": "N, sum"},
+    "soft": {"elastic": "J", "kinetic": "J"},
+}
+
+
+def schemas(model: mujoco.MjModel, soft_names: Iterable[str], topics: Collection[str]) -> dict[str, dict[str, Any]]:
+    """Return the JSON schema of each topic of numbers."""
+    found = {f"/{name}": FIELDS[name] for name in ("state", "energy", "contacts") if name in topics}
+    if "energy" in topics:
+        found |= {f"/soft/{name}": FIELDS["soft"] for name in soft_names}
+    if "sensors" in topics and model.nsensor:
+        sizes = zip(sensor_names(model), model.sensor_dim.tolist(), strict=True)
+        found["/sensors"] = {name: "as MuJoCo has it" if size == 1 else NUMBERS for name, size in sizes}
+    return {topic: _schema(topic, fields) for topic, fields in found.items()}
+
+
+def messages(instant: Instant) -> dict[str, dict[str, Any]]:
+    """Return what an instant says in each topic."""
+    energy = {"kinetic": instant.kinetic, "potential": instant.potential, "elastic": sum(instant.elastic.values())}
+    return {
+        "/state": {
+            "qpos": instant.qpos.tolist(),
+            "qvel": instant.qvel.tolist(),
+            "act": instant.act.tolist(),
+            "speed": instant.speed,
+        },
+        "/energy": {**energy, "total": instant.total},
+        "/contacts": {
+            "count": instant.contacts,
+            "penetration": instant.penetration,
+            "normal_force": instant.normal_force,
+        },
+        **{
+            f"/soft/{name}": {"elastic": elastic, "kinetic": instant.soft_kinetic[name]}
+            for name, elastic in instant.elastic.items()
+        },
+    }
+
+
+def sensor_message(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Any]:
+    """Return each sensor's value, or its values, by its name."""
+    values = np.split(data.sensordata, model.sensor_adr[1:])
+    return {
+        name: value.tolist() if len(value) != 1 else float(value[0])
+        for name, value in zip(sensor_names(model), values, strict=True)
+    }
+
+
+def sensor_names(model: mujoco.MjModel) -> list[str]:
+    """Return the sensors' names, `sensor_3` for one that has none."""
+    return [model.sensor(k).name or f"sensor_{k}" for k in range(model.nsensor)]
+
+
+def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
+    """Return the instants that `messages` made the messages of; inverse of it, bit by bit.
+
+    Raise KeyError for a topic or field that is missing, ValueError for topics of different lengths.
+    """
+    soft = {topic.removeprefix("/soft/"): found for topic, found in logged.items() if topic.startswith("/soft/")}
+    rows = zip(logged["/state"], logged["/energy"], logged["/contacts"], strict=True)
+    return tuple(
+        Instant(
+            time=state["time"],
+            qpos=np.array(state["qpos"], float),
+            qvel=np.array(state["qvel"], float),
+            act=np.array(state["act"], float),
+            kinetic=energy["kinetic"],
+            potential=energy["potential"],
+            elastic={name: found[k]["elastic"] for name, found in soft.items()},
+            soft_kinetic={name: found[k]["kinetic"] for name, found in soft.items()},
+            contacts=contacts["count"],
+            penetration=contacts["penetration"],
+            normal_force=contacts["normal_force"],
+            speed=state["speed"],
+        )
+        for k, (state, energy, contacts) in enumerate(rows)
+    )
+
+
+def _schema(topic: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    properties = {
+        name: field if isinstance(field, dict) else {"type": "number", "description": f"[{field}]"}
+        for name, field in {"time": "s", **fields}.items()
+    }
+    return {
+        "title": f"mjframes.{topic.split('/')[1]}",
+        "type": "object",
+        "properties": properties,
+        "required": ["time", *fields],
+    }

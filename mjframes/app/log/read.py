@@ -1,0 +1,100 @@
+"""Reading logs: their numbers, the scene, what the run was; also of a log that a killed run left behind."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import struct
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mjframes.app.log.numbers import instants
+from mjframes.app.log.write import METADATA
+from mjframes.app.recording import Recording
+from mjframes.base.errors import MjframesError
+
+
+@dataclass(frozen=True, eq=False)
+class Logged:
+    """What is in a log.
+
+    path: of its file.  messages: topic of numbers → its messages in order of time.
+    files: what was attached, by name; the scene is `scene.SCENE` of them.  about: facts of the run.
+    whole: whether it was written to its end.
+    """
+
+    path: str
+    messages: Mapping[str, list[dict[str, Any]]]
+    files: Mapping[str, bytes]
+    about: Mapping[str, str]
+    whole: bool
+
+    def states(self) -> list[dict[str, Any]]:
+        """Return the messages of /state.  Raise MjframesError where there are none."""
+        found = self.messages.get("/state", [])
+        if not found:
+            raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
+        return found
+
+    def recording(self) -> Recording:
+        """Return the recording that was logged; its `seconds` are NaN where the log is not whole.
+
+        Raise MjframesError where the log has not all topics that it takes.
+        """
+        states = self.states()
+        for topic in ("energy", "contacts"):
+            if f"/{topic}" not in self.messages:
+                raise MjframesError(f"{self.path}: the log has no {topic}; log a run with the topic {topic}.")
+        # a log cut off between two topics of an instant has one message less of the later ones
+        count = min(len(found) for topic, found in self.messages.items() if topic != "/sensors")
+        timestep = float(self.about["timestep"])
+        return Recording(
+            instants({topic: found[:count] for topic, found in self.messages.items()}),
+            steps=int(self.about.get("steps", round(states[count - 1]["time"] / timestep) + 1)),
+            seconds=float(self.about.get("seconds", math.nan)),
+            timestep=timestep,
+            weight=float(self.about["weight"]),
+        )
+
+
+def read_log(path: str | os.PathLike[str]) -> Logged:
+    """Return the numbers and files of a log, as far as it was written.
+
+    Raise MjframesError for a file that cannot be read, is damaged or is no log of ours.
+    """
+    from mcap.exceptions import McapError
+    from mcap.records import Attachment, Channel, Message, Metadata
+    from mcap.stream_reader import StreamReader
+    from zstandard import ZstdError
+
+    messages: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    files: dict[str, bytes] = {}
+    about: dict[str, str] = {}
+    topics: dict[int, str] = {}
+    whole = False
+    try:
+        with open(path, "rb") as stream:
+            try:
+                for record in StreamReader(stream, validate_crcs=True).records:
+                    if isinstance(record, Channel) and record.message_encoding == "json":
+                        topics[record.id] = record.topic
+                    elif isinstance(record, Message) and record.channel_id in topics:
+                        messages[topics[record.channel_id]].append(json.loads(record.data))
+                    elif isinstance(record, Attachment):
+                        files[record.name] = record.data
+                    elif isinstance(record, Metadata) and record.name == METADATA:
+                        about |= record.metadata
+                whole = True
+            except (McapError, ValueError, struct.error, ZstdError) as error:
+                if stream.read(1):  # else the file ends within a record: it was cut off
+                    raise MjframesError(
+                        f"{path}: not a log that mjframes wrote, or a damaged one ({error})."
+                    ) from error
+    except OSError as error:
+        raise MjframesError(f"{path}: the log cannot be read ({error.strerror}).") from error
+    if "timestep" not in about:
+        raise MjframesError(f"{path}: not a log that mjframes wrote (it does not say of what).")
+    return Logged(os.fspath(path), dict(messages), files, about, whole)

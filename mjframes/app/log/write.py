@@ -1,0 +1,135 @@
+"""Writing logs: MCAP in zstd chunks with indexes, which grow on the disk while the simulation runs.
+
+Beside the topics of `numbers`: /tf (FrameTransforms), /scene/rigid (SceneUpdate, said once), /scene/soft and
+/scene/forces (SceneUpdate), /video (CompressedVideo). Attached are the scene's XML and the files that it names. All is
+SI; the log time of a message is the simulated time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+
+from mjframes.app.log.numbers import messages, schemas, sensor_message
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mcap.writer import Writer
+
+    from mjframes.app.recording import Instant
+
+METADATA = "mjframes"  # name of the records of what the run was
+FLUSH = 1.0  # [s] of wall time: so much of a run that is killed may be missing
+
+
+class LogWriter:
+    """A log that is being written."""
+
+    def __init__(
+        self, writer: Writer, model: mujoco.MjModel, soft_names: Collection[str], topics: Collection[str]
+    ) -> None:
+        self._writer, self._model, self._topics = writer, model, topics
+        self._flushed = time.monotonic()
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._skins = mujoco.MjvScene(model, 0) if "scene" in topics and model.nskin else None
+        for topic, schema in schemas(model, soft_names, topics).items():
+            self._register(topic, "json", schema["title"], lambda s=schema: self._json_schema(s))
+        if "scene" in topics:
+            from mjframes.app.log.drawing import rigid_scene
+
+            self._write_drawing("/scene/rigid", 0.0, rigid_scene(model))
+
+    def numbers(self, instant: Instant, data: mujoco.MjData) -> None:
+        """Log the numbers of an instant; data: at that instant."""
+        found = messages(instant)
+        if "/sensors" in self._channels:
+            found["/sensors"] = sensor_message(self._model, data)
+        for topic, message in found.items():
+            if topic in self._channels:
+                self._write(topic, instant.time, json.dumps({"time": instant.time, **message}).encode())
+
+    def scene(self, data: mujoco.MjData, now: float) -> None:
+        """Log where bodies are, the skins and the contact forces.  now: the data's time [s]."""
+        from mjframes.app.log import drawing
+
+        self._write_drawing("/tf", now, drawing.transforms(self._model, data, now))
+        if self._skins is not None:
+            self._write_drawing("/scene/soft", now, drawing.soft_scene(self._model, data, self._skins, now))
+        self._write_drawing("/scene/forces", now, drawing.contact_forces(self._model, data, now))
+
+    def video(self, picture: bytes, camera: str, now: float) -> None:
+        """Log a frame of H.264 in Annex B.  camera: its name.  now: its time [s]."""
+        from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+
+        from mjframes.app.log.drawing import timestamp
+
+        frame = CompressedVideo(timestamp=timestamp(now), frame_id=camera, data=picture, format="h264")
+        self._write_drawing("/video", now, frame)
+
+    def about(self, facts: Mapping[str, object]) -> None:
+        """Log facts of the run, numbers as Python prints them."""
+        self._writer.add_metadata(METADATA, {key: str(value) for key, value in facts.items()})
+
+    def _write_drawing(self, topic: str, now: float, message: Any) -> None:
+        """Log a message of one of Foxglove's own schemas."""
+        if topic not in self._channels:
+            from mcap_protobuf.schema import register_schema
+
+            name = message.DESCRIPTOR.full_name
+            self._register(topic, "protobuf", name, lambda: register_schema(self._writer, type(message)))
+        self._write(topic, now, message.SerializeToString())
+
+    def _write(self, topic: str, now: float, message: bytes) -> None:
+        nanoseconds = round(now * 1e9)
+        self._writer.add_message(self._channels[topic], nanoseconds, message, nanoseconds)
+        if time.monotonic() > self._flushed + FLUSH:
+            self._writer.flush()
+            self._flushed = time.monotonic()
+
+    def _register(self, topic: str, encoding: str, name: str, schema: Callable[[], int]) -> None:
+        if name not in self._schemas:
+            self._schemas[name] = schema()
+        self._channels[topic] = self._writer.register_channel(topic, encoding, self._schemas[name])
+
+    def _json_schema(self, schema: dict[str, Any]) -> int:
+        return self._writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
+
+
+@contextmanager
+def log_file(
+    path: str | os.PathLike[str],
+    model: mujoco.MjModel,
+    soft_names: Collection[str],
+    topics: Collection[str],
+    files: Mapping[str, bytes],
+) -> Iterator[LogWriter]:
+    """A log of a model's simulation; it grows under a hidden name, and has its own when the block succeeds.
+
+    soft_names: the soft bodies.  topics: some of `options.TOPICS`.  files: to attach, by name.
+    Raise MjframesError where a package is missing or the file cannot be written.
+    """
+    try:
+        import foxglove_schemas_protobuf  # noqa: F401
+        import mcap_protobuf  # noqa: F401
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise MjframesError(
+            f'a log needs {error.name}, which is not installed; pip install "mjframes[log]".'
+        ) from error
+    with replacing(path, "the log") as partial, partial.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="", library="mjframes")
+        for name, content in files.items():
+            writer.add_attachment(0, 0, name, "application/xml" if name.endswith(".xml") else "", content)
+        yield LogWriter(writer, model, soft_names, topics)
+        writer.finish()

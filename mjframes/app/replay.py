@@ -1,0 +1,68 @@
+"""What a log gives without simulating again: the film, the plot, a state."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjframes.app.log.read import Logged
+from mjframes.app.plot import plot_file
+from mjframes.app.ticks import Ticks
+from mjframes.app.video import film
+from mjframes.base.errors import MjframesError
+from mjframes.scene.packed import unpack
+
+
+def film_of(
+    log: Logged,
+    path: str | os.PathLike[str],
+    camera: str | None = None,
+    fps: float = 30.0,
+    size: tuple[int, int] = (1280, 720),
+) -> None:
+    """Write the film of a log's states; arguments and what is raised as of `video.film`, and for a log without scene.
+
+    A frame shows the first state that was logged at its time or later.
+    """
+    states, model = log.states(), unpack(log.files, log.path)
+    data = mujoco.MjData(model)
+    ticks = Ticks(fps, early=float(log.about["timestep"]) / 2)
+    with film(model, path, camera=camera, fps=fps, size=size) as draw:
+        for state in states:
+            if due := ticks.due(state["time"]):
+                set_state(model, data, state, log.path)
+                for _ in range(due):
+                    draw(data)
+
+
+def plot_of(log: Logged, path: str | os.PathLike[str]) -> None:
+    """Write the figure of a log, the same that `run` writes; raises what `plot.plot_file` does."""
+    with plot_file(path) as save:
+        save(log.recording())
+
+
+def state_at(log: Logged, time: float) -> dict[str, Any]:
+    """Return the logged state nearest to `time` [s]: its time, qpos, qvel and act, as they were, bit by bit.
+
+    Raise MjframesError for a time beyond the log.
+    """
+    states = log.states()
+    first, last, timestep = states[0]["time"], states[-1]["time"], float(log.about["timestep"])
+    if not first - timestep <= time <= last + timestep:
+        raise MjframesError(f"state is asked for at {time:g} s, but {log.path} goes from {first:g} to {last:g} s.")
+    nearest = min(states, key=lambda state: abs(state["time"] - time))
+    return {key: nearest[key] for key in ("time", "qpos", "qvel", "act")}
+
+
+def set_state(model: mujoco.MjModel, data: mujoco.MjData, state: dict[str, Any], path: str) -> None:
+    """Put a logged state into a MjData.  Raise MjframesError where the scene has another size."""
+    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na}
+    for key, size in sizes.items():
+        if len(state[key]) != size:
+            raise MjframesError(f"{path}: its states have {len(state[key])} {key}, its scene {size}; it is damaged.")
+        getattr(data, key)[:] = np.array(state[key], float)
+    data.time = state["time"]
+    mujoco.mj_forward(model, data)

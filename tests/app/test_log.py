@@ -1,0 +1,442 @@
+"""Logs: MCAP's own reader and Foxglove's own schemas read them, nothing is lost, a cut-off one gives what it has."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from mjframes.app.log.options import TOPICS, Log
+from mjframes.app.log.read import read_log
+from mjframes.app.replay import film_of, plot_of, state_at
+from mjframes.app.run import record
+from mjframes.base.errors import MjframesError
+from mjframes.body.build import build
+from mjframes.scene.packed import SCENE, pack, unpack
+from mjframes.scene.scene_file import standalone_scene
+from mjframes.scene.view import soft
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+pytest.importorskip("mcap")
+pytest.importorskip("mcap_protobuf")
+drawing = pytest.importorskip("mjframes.app.log.drawing")
+
+ROOM = """
+<mujoco>
+  <asset>
+    <texture name="wood" type="2d" builtin="flat" rgb1=".2 .4 .6" width="8" height="8"/>
+    <material name="wood" texture="wood" rgba="1 1 .5 1"/>
+    <hfield name="hills" nrow="3" ncol="4" size="1 1 .1 .1" elevation="0 1 0 1  0 0 0 0  1 1 1 0"/>
+    <mesh name="wedge" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .1"/>
+  </asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 2 .1" material="wood"/>
+    <geom name="hills" type="hfield" hfield="hills" pos="5 0 0"/>
+    <geom name="hidden" type="box" size="9 9 9" pos="0 0 30" group="3"/>
+    <body name="arm" pos="0 0 .5" euler="0 90 0">
+      <joint name="swing" axis="0 1 0"/>
+      <geom type="capsule" size=".03 .2" pos=".1 0 0"/><geom type="cylinder" size=".04 .1" pos=".3 0 0"/>
+      <geom type="mesh" mesh="wedge"/><site name="tip"/>
+    </body>
+    <body pos="0 1 .098"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" rgba="1 0 0 1"/></body>
+  </worldbody>
+  <actuator><position joint="swing" kp="5" timeconst=".1" ctrlrange="-1 1"/></actuator>
+  <sensor><jointpos name="angle" joint="swing"/><framepos objtype="site" objname="tip"/></sensor>
+</mujoco>
+"""
+
+
+def decoded(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Topic → (log time, message) by the readers of others, which know of us what the file says."""
+    from mcap.decoder import DecoderFactory as Base
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    class Json(Base):
+        def decoder_for(self, message_encoding: str, schema: Any) -> Any:
+            import json
+
+            return json.loads if message_encoding == "json" and schema.encoding == "jsonschema" else None
+
+    found = defaultdict(list)
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory(), Json()])
+        for _, channel, message, content in reader.iter_decoded_messages():
+            found[channel.topic].append((message.log_time, content))
+    return found
+
+
+def block() -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    volume = Volume.from_labels(np.ones((6, 3, 3), int), 0.01, {1: Material(1e5, 0.4, 1000, rgba=(0.1, 0.2, 0.3, 1))})
+    spec = standalone_scene(build(volume, 2), volume, name="block")
+    return spec, spec.compile()
+
+
+@pytest.fixture(scope="module")
+def fallen(tmp_path_factory: pytest.TempPathFactory) -> tuple[mujoco.MjModel, Path]:
+    """A block of rubber that falls on a floor, logged with a film of its own."""
+    pytest.importorskip("av")
+    path = tmp_path_factory.mktemp("log") / "block.mcap"
+    spec, model = block()
+    record(model, 0.3, log=Log(path, topics=TOPICS), size=(96, 64), fps=50, scene=spec)
+    return model, path
+
+
+def test_a_log_is_chunked_compressed_and_indexed(fallen: tuple[mujoco.MjModel, Path]) -> None:
+    from mcap.reader import make_reader
+
+    with fallen[1].open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.chunk_indexes
+    assert all(chunk.compression == "zstd" and chunk.message_index_offsets for chunk in summary.chunk_indexes)
+    schemas = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
+    assert {topic: (schema.name, schema.encoding) for topic, schema in schemas.items()} == {
+        "/state": ("mjframes.state", "jsonschema"),
+        "/energy": ("mjframes.energy", "jsonschema"),
+        "/soft/block": ("mjframes.soft", "jsonschema"),
+        "/contacts": ("mjframes.contacts", "jsonschema"),
+        "/tf": ("foxglove.FrameTransforms", "protobuf"),
+        "/scene/rigid": ("foxglove.SceneUpdate", "protobuf"),
+        "/scene/soft": ("foxglove.SceneUpdate", "protobuf"),
+        "/scene/forces": ("foxglove.SceneUpdate", "protobuf"),
+        "/video": ("foxglove.CompressedVideo", "protobuf"),
+    }
+
+
+def test_what_foxglove_draws_is_where_mujoco_has_it(fallen: tuple[mujoco.MjModel, Path]) -> None:
+    """Skins, frames and forces of every entry, against MuJoCo's own of the state that was logged then."""
+    model, path = fallen
+    found = decoded(path)
+    states = dict(found["/state"])
+    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, 1)
+    touched = 0
+    assert len(found["/scene/soft"]) == len(found["/tf"]) == len(found["/scene/forces"]) == 15
+    entries = zip(found["/scene/soft"], found["/tf"], found["/scene/forces"], strict=True)
+    for (now, skins), (_, transforms), (_, forces) in entries:
+        data.qpos[:], data.qvel[:] = states[now]["qpos"], states[now]["qvel"]
+        mujoco.mj_forward(model, data)
+        (skin,) = skins.entities
+        assert (skin.id, skin.frame_id, skin.timestamp.ToNanoseconds()) == ("block:1", "world", now)
+        (triangles,) = skin.triangles
+        mujoco.mjv_updateSkin(model, data, scene)
+        points = [(p.x, p.y, p.z) for p in triangles.points]
+        assert points == pytest.approx(np.reshape(scene.skinvert, (-1, 3)), abs=1e-7)
+        assert list(triangles.indices) == model.skin_face.ravel().tolist()
+        assert [triangles.color.r, triangles.color.g, triangles.color.b] == pytest.approx([0.1, 0.2, 0.3])
+        for transform in transforms.transforms:
+            body = data.body(transform.child_frame_id)
+            assert transform.parent_frame_id == "world"
+            place, turn = transform.translation, transform.rotation
+            assert [place.x, place.y, place.z] == pytest.approx(body.xpos, abs=1e-12)
+            assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx(body.xquat, abs=1e-12)
+        (arrows,) = (entity.arrows for entity in forces.entities)
+        total = np.zeros(3)
+        for arrow in arrows:
+            q, turned = arrow.pose.orientation, np.zeros(3)
+            mujoco.mju_rotVecQuat(turned, np.array([1.0, 0, 0]), np.array([q.w, q.x, q.y, q.z]))
+            total += (arrow.shaft_length + arrow.head_length) * turned * model.stat.meanmass / model.vis.map.force
+        on_body = soft(model, data, "block").patch_forces.sum(axis=0)
+        assert np.linalg.norm(total) == pytest.approx(np.linalg.norm(on_body), rel=1e-3, abs=1e-6)
+        touched += len(arrows)
+    assert touched > 0
+
+
+def test_rigid_geoms_are_said_once_in_their_bodies_frames(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(ROOM)
+    record(model, 0.2, log=Log(tmp_path / "a.mcap", topics=("scene",)))
+    logged = decoded(tmp_path / "a.mcap")
+    assert set(logged) == {"/scene/rigid", "/scene/forces", "/tf"}
+    ((now, update),) = logged["/scene/rigid"]
+    assert now == 0
+    room, arm, ball = update.entities
+    assert [(entity.frame_id, entity.frame_locked) for entity in update.entities] == [
+        ("world", True),
+        ("arm", True),
+        ("body_2", True),
+    ]
+    (floor,) = room.cubes  # and not what is hidden
+    assert floor.size.x == pytest.approx(8 * model.stat.extent)
+    assert floor.size.y == 4
+    assert floor.pose.position.z == pytest.approx(-floor.size.z / 2)
+    assert [floor.color.r, floor.color.g, floor.color.b] == pytest.approx([0.2, 0.4, 0.3], abs=0.01)
+    (hills,) = room.triangles
+    assert len(hills.points) == 12
+    assert len(hills.indices) == 3 * 12
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for point in hills.points:  # where MuJoCo's rays meet it, seen from above
+        above = np.array([5 + 0.999 * point.x, 0.999 * point.y, 3.0])
+        meeting = mujoco.mj_ray(model, data, above, np.array([0, 0, -1.0]), None, 1, -1, np.zeros(1, np.int32))
+        assert 3 - meeting == pytest.approx(point.z, abs=1e-3)
+    normals = normals_of(hills)
+    assert (normals[:, 2] > 0).all()
+    assert [size_of(cylinder) for cylinder in arm.cylinders] == [(0.06, 0.06, 0.4), (0.08, 0.08, 0.2)]
+    assert [(s.pose.position.x, s.pose.position.z) for s in arm.spheres] == [(0.1, -0.2), (0.1, 0.2)]
+    (wedge,) = arm.triangles
+    corners = np.array([(p.x, p.y, p.z) for p in wedge.points])
+    turned = np.array([rotated(wedge.pose.orientation, corner) for corner in corners])
+    at = wedge.pose.position
+    expected = [(0, 0, 0), (0, 0, 0.1), (0, 0.1, 0), (0.1, 0, 0)]
+    found = sorted(map(tuple, (turned + np.array([at.x, at.y, at.z])).round(6) + 0.0))
+    assert np.array(found) == pytest.approx(np.array(expected))
+    assert size_of(ball.spheres[0]) == (0.6, 0.4, 0.2)
+    assert ball.spheres[0].color.r == 1
+    assert {t.child_frame_id for t in logged["/tf"][-1][1].transforms} == {"arm", "body_2"}
+
+
+def normals_of(triangles: Any) -> np.ndarray:
+    points = np.array([(p.x, p.y, p.z) for p in triangles.points])
+    a, b, c = points[np.reshape(triangles.indices, (-1, 3))].transpose(1, 0, 2)
+    return np.cross(b - a, c - a)
+
+
+def size_of(shape: Any) -> tuple[float, ...]:
+    return tuple(round(value, 9) for value in (shape.size.x, shape.size.y, shape.size.z))
+
+
+def rotated(q: Any, vector: np.ndarray) -> np.ndarray:
+    result = np.zeros(3)
+    mujoco.mju_rotVecQuat(result, np.array(vector, float), np.array([q.w, q.x, q.y, q.z]))
+    return result
+
+
+def test_the_video_can_be_decoded_a_message_a_frame(fallen: tuple[mujoco.MjModel, Path]) -> None:
+    av = pytest.importorskip("av")
+    frames = decoded(fallen[1])["/video"]
+    assert len(frames) == 15
+    decoder = av.CodecContext.create("h264", "r")
+    pictures = []
+    for now, message in frames:
+        assert (message.format, message.frame_id) == ("h264", "front")
+        assert message.timestamp.ToNanoseconds() == now
+        assert message.data.startswith(b"\0\0\0\1")
+        if message.data[4] & 31 == 7:  # a sequence parameter set stands before each picture that needs no other
+            decoder = av.CodecContext.create("h264", "r")
+        pictures += decoder.decode(av.Packet(message.data))
+    pictures += decoder.decode(None)
+    assert len(pictures) == 15
+    assert {(picture.width, picture.height) for picture in pictures} == {(96, 64)}
+    assert frames[0][1].data[4] & 31 == 7
+
+
+def test_numbers_are_kept_bit_by_bit(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(ROOM)
+    recording = record(model, 0.4, log=tmp_path / "a.mcap", plot=tmp_path / "a.png")
+    log = read_log(tmp_path / "a.mcap")
+    assert log.whole
+    again = log.recording()
+    assert (again.steps, again.seconds, again.timestep) == (recording.steps, recording.seconds, recording.timestep)
+    assert again.weight == recording.weight
+    for one, other in zip(recording.instants, again.instants, strict=True):
+        for name in ("qpos", "qvel", "act"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
+        assert (one.time, one.total, one.speed, one.penetration, one.normal_force) == (
+            *(other.time, other.total, other.speed, other.penetration, other.normal_force),
+        )
+    assert recording.instants[-1].act.size == 1
+    sensors = log.messages["/sensors"][-1]
+    assert sensors["angle"] == recording.instants[-1].qpos[0]
+    assert len(sensors["sensor_1"]) == 3
+    pytest.importorskip("matplotlib")
+    plot_of(log, tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_state_is_the_nearest_one(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(ROOM)
+    recording = record(model, 0.1, log=tmp_path / "a.mcap")
+    log = read_log(tmp_path / "a.mcap")
+    state = state_at(log, 0.0611)
+    instant = next(i for i in recording.instants if abs(i.time - 0.062) < 1e-9)
+    assert list(state) == ["time", "qpos", "qvel", "act"]
+    for name in state:
+        assert np.array_equal(state[name], getattr(instant, name))
+    with pytest.raises(MjframesError, match=r"state is asked for at 0\.2 s, but .*a\.mcap goes from 0 to 0\.098 s\."):
+        state_at(log, 0.2)
+
+
+def test_a_film_of_a_log_is_that_of_the_run(tmp_path: Path) -> None:
+    """Of meshes that are files, taken from the log alone: what the scene was made of is gone."""
+    pytest.importorskip("av")
+    parts = tmp_path / "parts"
+    parts.mkdir()
+    trimesh.creation.box(extents=(0.2, 0.2, 0.2)).export(parts / "box.stl")
+    xml = """<mujoco><compiler meshdir="parts"/><asset><mesh name="box" file="box.stl"/></asset><worldbody>
+      <light pos="0 0 3"/><camera name="side" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/><geom type="plane" size="1 1 .1"/>
+      <body pos="0 0 .3" euler="20 10 0"><freejoint/><geom type="mesh" mesh="box" rgba="1 0 0 1"/></body>
+      </worldbody></mujoco>"""
+    (tmp_path / "scene.xml").write_text(xml)
+    spec = mujoco.MjSpec.from_file(str(tmp_path / "scene.xml"))
+    record(spec.compile(), 0.4, video=tmp_path / "a.mp4", log=tmp_path / "a.mcap", fps=25, size=(96, 64), scene=spec)
+    for path in (*parts.iterdir(), parts, tmp_path / "scene.xml"):
+        path.rmdir() if path.is_dir() else path.unlink()
+    film_of(read_log(tmp_path / "a.mcap"), tmp_path / "b.mp4", fps=25, size=(96, 64))
+    one, other = (list(pictures_of(tmp_path / name)) for name in ("a.mp4", "b.mp4"))
+    assert len(one) == 10
+    assert np.abs(one[0].astype(int) - one[-1]).mean() > 1  # the box falls
+    for before, after in zip(one, other, strict=True):
+        assert np.abs(before.astype(int) - after).mean() < 0.5
+    assert "/video" in decoded(tmp_path / "a.mcap")
+
+
+def pictures_of(path: Path) -> Iterator[np.ndarray]:
+    import av
+
+    with av.open(str(path)) as container:
+        yield from (frame.to_ndarray(format="rgb24") for frame in container.decode(video=0))
+
+
+def test_a_log_without_scene_says_so(tmp_path: Path) -> None:
+    record(mujoco.MjModel.from_xml_string(ROOM), 0.01, log=Log(tmp_path / "a.mcap", topics=("state",)))
+    log = read_log(tmp_path / "a.mcap")
+    assert set(log.messages) == {"/state"}
+    with pytest.raises(MjframesError, match=r"a\.mcap: there is no scene in it"):
+        film_of(log, tmp_path / "a.mp4")
+    with pytest.raises(MjframesError, match=r"a\.mcap: the log has no energy; log a run with the topic energy"):
+        log.recording()
+    record(mujoco.MjModel.from_xml_string(ROOM), 0.01, log=Log(tmp_path / "b.mcap", topics=("energy",)))
+    with pytest.raises(MjframesError, match=r"b\.mcap: the log has no states"):
+        state_at(read_log(tmp_path / "b.mcap"), 0.0)
+
+
+@pytest.mark.parametrize("rate", [50.0, 10.0])
+def test_the_rate_is_of_numbers_and_scene(rate: float, tmp_path: Path) -> None:
+    recording = record(mujoco.MjModel.from_xml_string(ROOM), 0.4, log=Log(tmp_path / "a.mcap", rate=rate))
+    found = decoded(tmp_path / "a.mcap")
+    for topic in ("/state", "/contacts", "/sensors", "/tf", "/scene/forces"):
+        assert np.array([now for now, _ in found[topic]]) * 1e-9 == pytest.approx(np.arange(0, 0.4, 1 / rate)), topic
+    assert len(recording.instants) == 200
+    deepest = max(message["penetration"] for _, message in found["/contacts"])
+    until = found["/contacts"][-1][1]["time"]
+    assert deepest == max(i.penetration for i in recording.instants if i.time <= until) > 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"rate": 0.0}, "rate of the log is 0.0; it must be a positive number"),
+        ({"rate": float("nan")}, "rate of the log is nan"),
+        ({"topics": ()}, "topics of the log are none; give one or more of state, energy"),
+        ({"topics": ("state", "sound")}, "topics of the log are state, sound; give"),
+    ],
+)
+def test_a_log_that_cannot_be_is_refused(keys: dict, message: str) -> None:
+    with pytest.raises(MjframesError, match=message):
+        Log("a.mcap", **keys)
+
+
+def test_a_log_that_is_cut_off_gives_what_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjframes.app.log.write.FLUSH", 0.0)  # a chunk a message
+    recording = record(mujoco.MjModel.from_xml_string(ROOM), 0.1, log=tmp_path / "whole.mcap")
+    content = (tmp_path / "whole.mcap").read_bytes()
+    counts = []
+    for share in (0.3, 0.45, 0.6):
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(content[: int(share * len(content))])
+        log = read_log(cut)
+        assert not log.whole
+        again = log.recording()
+        assert np.isnan(again.seconds)
+        for one, other in zip(recording.instants, again.instants, strict=False):
+            assert np.array_equal(one.qpos, other.qpos)
+        assert again.steps == len(again.instants)
+        counts.append(again.steps)
+    assert 0 < counts[0] < counts[1] < counts[2] < recording.steps
+    (tmp_path / "cut.mcap").write_bytes(content[:50])
+    with pytest.raises(MjframesError, match=r"cut\.mcap: not a log that mjframes wrote \(it does not say of what\)"):
+        read_log(tmp_path / "cut.mcap")
+    damaged = bytearray(content)
+    damaged[len(content) // 2] ^= 0xFF
+    (tmp_path / "cut.mcap").write_bytes(damaged)
+    with pytest.raises(MjframesError, match=r"cut\.mcap: not a log that mjframes wrote, or a damaged one"):
+        read_log(tmp_path / "cut.mcap")
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no such signal")
+def test_a_killed_run_leaves_a_log_that_can_be_read(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(ROOM)
+    command = [sys.executable, "-m", "mjframes", "run", str(tmp_path / "scene.xml"), "--log", str(tmp_path / "a.mcap")]
+    running = subprocess.Popen([*command, "--duration", "1e5"], stderr=subprocess.DEVNULL)
+    left = tmp_path / f".a.{running.pid}.partial.mcap"
+    try:
+        while logged_states(left) < 2:
+            assert running.poll() is None
+            time.sleep(0.05)
+    finally:
+        running.kill()
+        running.wait(30)
+    assert not (tmp_path / "a.mcap").exists()
+    log = read_log(left)
+    assert not log.whole
+    assert len(log.states()) > 1
+    assert unpack(log.files, "the log").nq == len(log.states()[-1]["qpos"])
+
+
+def logged_states(path: Path) -> int:
+    try:
+        return len(read_log(path).messages.get("/state", []))
+    except MjframesError:  # it is not there yet, or has only begun
+        return 0
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_text("no log, but longer than the first eight bytes")
+    with pytest.raises(MjframesError, match=r"a\.mcap: not a log"):
+        read_log(tmp_path / "a.mcap")
+    (tmp_path / "a.mcap").write_text("")
+    with pytest.raises(MjframesError, match=r"a\.mcap: not a log"):
+        read_log(tmp_path / "a.mcap")
+    with pytest.raises(MjframesError, match=r"b\.mcap: the log cannot be read"):
+        read_log(tmp_path / "b.mcap")
+
+
+def test_points_are_written_as_protobuf_writes_them() -> None:
+    from foxglove_schemas_protobuf.Point3_pb2 import Point3
+    from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    points[3, 1] = 0
+    slow = TriangleListPrimitive(points=[Point3(x=x, y=y, z=z) for x, y, z in points.tolist()])
+    assert TriangleListPrimitive.FromString(drawing.point_bytes(points)) == slow
+    assert not TriangleListPrimitive.FromString(drawing.point_bytes(points[:0])).points
+
+
+def test_what_a_scene_names_goes_along(tmp_path: Path) -> None:
+    """Two meshes of one name in two folders, and one that was given as an asset."""
+    for folder, size in (("one", 0.1), ("two", 0.2)):
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box(extents=(size,) * 3).export(tmp_path / folder / "box.stl")
+    content = trimesh.creation.icosphere(radius=0.3).export(file_type="stl")
+    xml = """<mujoco><asset><mesh name="a" file="one/box.stl"/><mesh name="b" file="two/box.stl"/></asset><worldbody>
+      <geom type="mesh" mesh="a"/><geom type="mesh" mesh="b"/></worldbody></mujoco>"""
+    (tmp_path / "scene.xml").write_text(xml)
+    on_disk = mujoco.MjSpec.from_file(str(tmp_path / "scene.xml"))
+    given = mujoco.MjSpec.from_string(
+        '<mujoco><compiler meshdir="in"/><asset><mesh name="c" file="ball.stl"/></asset>'
+        '<worldbody><geom type="mesh" mesh="c"/></worldbody></mujoco>',
+        assets={"in/ball.stl": content},
+    )
+    for spec in (on_disk, given):
+        model = spec.compile()
+        files = pack(spec)
+        assert len(files) == 1 + model.nmesh
+        assert unpack(files, "it").mesh_vert == pytest.approx(model.mesh_vert)
+    os.remove(tmp_path / "one" / "box.stl")
+    with pytest.raises(MjframesError, match=r"the scene cannot be packed \(.*box\.stl"):
+        pack(on_disk)
+    with pytest.raises(MjframesError, match=r"^it: MuJoCo cannot load its scene \(.*\)\.$"):
+        unpack({SCENE: b"<mujoco><geom/></mujoco>"}, "it")
