@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from mjframes.scene.contact import Contact
     from mjframes.scene.inertia import mass_matrix, rigid_inertia
     from mjframes.scene.load import load_scene
+    from mjframes.scene.scaling import scale
     from mjframes.scene.sensors import add_sensor
     from mjframes.scene.view import Soft, soft
     from mjframes.volume.images import ImageWarning
@@ -73,6 +74,7 @@ __all__ = [
     "mass_matrix",
     "record",
     "rigid_inertia",
+    "scale",
     "soft",
     "still",
 ]
@@ -90,6 +92,7 @@ _HOMES = {
     "scene.contact": ("Contact",),
     "scene.inertia": ("mass_matrix", "rigid_inertia"),
     "scene.load": ("load_scene",),
+    "scene.scaling": ("scale",),
     "scene.sensors": ("add_sensor",),
     "scene.view": ("Soft", "soft"),
     "volume.images": ("ImageWarning",),

@@ -19,9 +19,14 @@ void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* forc
   double* K = stiffness ? stiffness_.data() : nullptr;
   AddBatches(model_.batches, x, &batch_scratch_, force->data(), K, enlarged_.empty() ? nullptr : enlarged_.data());
   AddQuadrature(model_.quadrature, x, &quadrature_scratch_, force->data(), K);
-  if (model_.quadrature.empty() || enlarged_.empty()) return;
-  std::transform(stiffness_.begin(), stiffness_.end(), enlarged_.begin(),
-                 [this](double k) { return model_.enlargement * k; });
+  if (!model_.quadrature.empty() && !enlarged_.empty()) {
+    std::transform(stiffness_.begin(), stiffness_.end(), enlarged_.begin(),
+                   [this](double k) { return model_.enlargement * k; });
+  }
+  if (factor_ == 1) return;
+  for (Vec3& f : *force) f = factor_ * f;
+  for (double& k : stiffness_) k *= factor_;
+  for (double& k : enlarged_) k *= factor_;
 }
 
 void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict force) const {
@@ -55,7 +60,7 @@ double Elasticity::Energy(const Vec3* x) {
   for (const QuadratureRegion& region : model_.quadrature) {
     energy += QuadratureEnergy(region, x, &quadrature_scratch_);
   }
-  return energy;
+  return factor_ * energy;
 }
 
 const Region& Elasticity::FindRegion(int number) const {

@@ -26,6 +26,9 @@ class Elasticity {
  public:
   Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs);
 
+  // From now on f, K and W are `factor` times those of the model.
+  void Scale(double factor) { factor_ = factor; }
+
   // Computes f and, if asked for, K. x: the control points [m].
   void Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force);
 
@@ -46,6 +49,7 @@ class Elasticity {
   const std::vector<PointPair>& pairs_;
   BatchScratch batch_scratch_;
   QuadratureScratch quadrature_scratch_;
+  double factor_ = 1;              // [-]
   std::vector<double> stiffness_;  // K, 3×3 row-major block a pair
   std::vector<double> enlarged_;   // empty where d->M has room for K
 };

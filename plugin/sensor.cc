@@ -187,8 +187,11 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
   if (quantity_ == kElasticEnergy) *out = body->ElasticEnergy();
   if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
   const Mat3 axes = body->kinematics().Axes(d);
+  const double factor = body->scaling().stiffness;
   for (size_t n = 0; n < samples_.size(); n++, out += kKinds[quantity_].size) {
-    const PointState state = StateOf(*body, n);
+    PointState state = StateOf(*body, n);
+    state.energy *= factor;
+    for (double& stress : state.cauchy) stress *= factor;
     if (quantity_ == kEnergyDensity) *out = state.energy;
     if (quantity_ == kStress) StoreSymmetric(Mul(Mul(axes, state.cauchy), Transpose(axes)), out);
     if (quantity_ == kStrain) {

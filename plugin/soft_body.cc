@@ -14,17 +14,19 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   Reader reader(m, instance);
   std::shared_ptr<const SoftModel> model = FindModel(m, instance, &reader);
   if (model) CheckRequirements(m, *model, &reader);
-  if (reader.ok()) return std::unique_ptr<SoftBody>(new SoftBody(m, instance, std::move(model)));
+  const ScalingReader scaling(m, instance, &reader);
+  if (reader.ok()) return std::unique_ptr<SoftBody>(new SoftBody(m, instance, std::move(model), scaling));
   mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());
   return nullptr;
 }
 
-SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model)
+SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model, const ScalingReader& scaling)
     : instance_(instance),
       model_(std::move(model)),
       kinematics_(model_->kinematics),
       elasticity_(model_->elastic, kinematics_.pairs()),
       contact_(m, model_->contact, kinematics_),
+      scaling_reader_(scaling),
       force_(kinematics_.points().size()),
       moved_(force_.size()),
       mass_scale_(force_.size(), 1.0),
@@ -61,6 +63,8 @@ void SoftBody::ScaleMass(const mjModel* m) {
 
 void SoftBody::Locate(const mjModel* m, const mjData* d) {
   ScaleMass(m);
+  scaling_ = scaling_reader_.Read(m);
+  elasticity_.Scale(scaling_.stiffness);
   kinematics_.Gather(m, d);
 }
 
@@ -70,7 +74,7 @@ void SoftBody::AddElasticity(const mjData* d) {
 }
 
 void SoftBody::AddDamping(double h) {
-  const double rate = model_->implicit ? h + model_->beta : model_->beta;
+  const double beta = scaling_.beta * model_->beta, rate = model_->implicit ? h + beta : beta;
   const std::vector<Vec3>& v = kinematics_.v();
   // K is blind to a common velocity, but not to the last digit of a stiff K times a fast one
   Vec3 common{};
@@ -78,7 +82,7 @@ void SoftBody::AddDamping(double h) {
   for (size_t j = 0; j < v.size(); j++) moved_[j] = rate * (v[j] - common);
   elasticity_.SubtractProduct(moved_.data(), force_.data());
   if (model_->alpha == 0) return;
-  SubtractMass(mass_, model_->alpha, v.data());
+  SubtractMass(mass_, scaling_.alpha * model_->alpha, v.data());
 }
 
 // MuJoCo has it for the masses that it knows of.
@@ -98,13 +102,13 @@ void SoftBody::SubtractMass(const std::vector<double>& mass, double scale, const
 }
 
 void SoftBody::StoreInertia(const mjModel* m, mjData* d, bool consistent) {
-  const double h = m->opt.timestep;
+  const double h = m->opt.timestep, alpha = scaling_.alpha * model_->alpha, beta = scaling_.beta * model_->beta;
   for (size_t i = 0; i < mass_.size(); i++) {
-    added_mass_[i] = model_->implicit ? h * model_->alpha * mass_[i] : 0;
+    added_mass_[i] = model_->implicit ? h * alpha * mass_[i] : 0;
     if (consistent) added_mass_[i] += mass_difference_[i];
   }
-  kinematics_.StoreInertia(elasticity_.StiffnessForInertia(), model_->implicit ? h * (h + model_->beta) : 0,
-                           added_mass_.data(), m, d);
+  kinematics_.StoreInertia(elasticity_.StiffnessForInertia(), model_->implicit ? h * (h + beta) : 0, added_mass_.data(),
+                           m, d);
 }
 
 double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {

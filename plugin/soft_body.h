@@ -13,6 +13,7 @@
 #include "elasticity.h"
 #include "kinematics.h"
 #include "linear.h"
+#include "scaling.h"
 #include "soft_contact.h"
 #include "soft_model.h"
 
@@ -24,7 +25,7 @@ class SoftBody {
   static std::unique_ptr<SoftBody> Create(const mjModel* m, int instance);
 
   // Stages of World::Step, in their order; `force` is that on the control points.
-  void Locate(const mjModel* m, const mjData* d);       // x, v, and the masses of today
+  void Locate(const mjModel* m, const mjData* d);       // x, v, and the masses and scaling of today
   void AddElasticity(const mjData* d);                  // force = f, and K
   void AddDamping(double h);                            // force −= (h + β) K v + α M v, in explicit mode β K v
   void AddMassBias(const mjModel* m, const mjData* d);  // force −= D dJ/dt qvel
@@ -38,12 +39,13 @@ class SoftBody {
 
   int instance() const { return instance_; }
   const SoftModel& model() const { return *model_; }
+  const Scaling& scaling() const { return scaling_; }
   const Elasticity& elasticity() const { return elasticity_; }
   const Kinematics& kinematics() const { return kinematics_; }
   const SoftContact& contact() const { return contact_; }
 
  private:
-  SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model);
+  SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model, const ScalingReader& scaling);
 
   void ScaleMass(const mjModel* m);
   void SubtractMass(const std::vector<double>& mass, double scale, const Vec3* u);
@@ -53,8 +55,10 @@ class SoftBody {
   Kinematics kinematics_;
   Elasticity elasticity_;
   SoftContact contact_;
+  ScalingReader scaling_reader_;
 
   // of this step
+  Scaling scaling_;
   std::vector<Vec3> force_;                     // on the control points
   std::vector<Vec3> moved_;                     // rate times the velocities without their mean, see AddDamping [m]
   bool told_mass_ = false;                      // that a mass is not positive

@@ -25,6 +25,7 @@ from mjframes.scene.links import Pose
 from mjframes.scene.load import changed_masses
 from mjframes.scene.patch_geoms import add_patches, ordered_patches, use_plugin
 from mjframes.scene.plugin_text import SEPARATOR, configuration, instance_name
+from mjframes.scene.scaling import add_scaling
 from mjframes.scene.skins import add_skins
 from mjframes.scene.view import Soft, soft
 from mjframes.volume.material import is_number
@@ -94,6 +95,7 @@ def attach(
         add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         add_skins(own, body, carried, local)
+    add_scaling(own, local)
     own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")

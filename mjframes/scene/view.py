@@ -17,7 +17,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.corotational import CorotationalRegion, Fallback, LawCell
 from mjframes.elasticity.hyperelastic import HyperelasticRegion
 from mjframes.elasticity.laws import LawParameters, law_of_constants
-from mjframes.scene import forces
+from mjframes.scene import forces, scaling
 from mjframes.scene.identity import asset_key, recall
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, soft_name
@@ -54,7 +54,7 @@ class Soft:
 
     @cached_property
     def regions(self) -> list[CorotationalRegion] | list[HyperelasticRegion]:
-        """Return the elastic regions; their control points are numbered as here."""
+        """Return the elastic regions, as stiff as they were built; their control points are numbered as here."""
         if "quadrature_count" not in self.configuration:
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
@@ -185,7 +185,7 @@ class Soft:
     def elastic_energy(self) -> float:
         """Return the elastic energy [J]."""
         x = self.control_positions
-        return sum(region.energy(x[region.points]) for region in self.regions)
+        return self._factor * sum(region.energy(x[region.points]) for region in self.regions)
 
     @property
     def kinetic_energy(self) -> float:
@@ -225,7 +225,7 @@ class Soft:
         x, forces = self.control_positions, np.zeros((len(self.bodies), 3))
         for region in self.regions:
             forces[region.points] += region.response(x[region.points])[0]
-        return forces
+        return self._factor * forces
 
     def positions(self, points: ArrayLike) -> np.ndarray:
         """Return the positions (n, 3) of material points, in the world [m]."""
@@ -274,12 +274,17 @@ class Soft:
 
         Elastic stress, without damping.
         """
-        stress = self._at(points).response(self.regions, self._local)[0]
+        stress = self._factor * self._at(points).response(self.regions, self._local)[0]
         return self._axes @ stress @ self._axes.T
 
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
         """Return the strain energy per volume at rest (n,) at material points [J/m³]."""
-        return self._at(points).response(self.regions, self._local)[1]
+        return self._factor * self._at(points).response(self.regions, self._local)[1]
+
+    @property
+    def _factor(self) -> float:
+        """Of the stiffness that `regions` have, in this model [-]."""
+        return scaling.stiffness(self.model, self.name)
 
     @property
     def frame_forces(self) -> np.ndarray:
