@@ -12,6 +12,7 @@ import mjframes as mf
 from examples import kernels, knee, rat
 from examples.steak import run, steak_scene
 from mjframes.app.log.read import read_log
+from mjframes.testing import Goldens
 
 
 def test_steak_comes_to_rest_on_the_block() -> None:
@@ -57,7 +58,7 @@ def test_kernels_of_figure_6(tmp_path: Path) -> None:
 
 
 @pytest.mark.dm_control
-def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path) -> None:
+def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golden: Goldens) -> None:
     pytest.importorskip("dm_control")
     found = rat.run(tmp_path, duration=0.4)
     assert (tmp_path / "rat.mp4").stat().st_size > 10_000
@@ -68,3 +69,4 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path) -> No
     view = mf.soft(found.model, found.data, "flesh")
     assert found.body.links == tuple(rat.BONES)
     assert view.elastic_energy > 0
+    golden(found.model, mujoco.MjData(found.model), "rat", "beside")

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from examples import elbow, grasp, knee, rat, steak
+from examples import elbow, grasp, knee, steak
 from mjframes.base.errors import MjframesError
 from mjframes.testing import COLORS, Goldens, Sight, likeness, load, save, see, side_by_side
 
@@ -83,13 +83,6 @@ def soft_grasp() -> Scene:
 @pytest.mark.parametrize("scene", [falling_steak, pulled_knee, bent_elbow, soft_grasp])
 def test_an_example_looks_as_it_did(scene: Callable[[], Scene], golden: Goldens) -> None:
     scene().check(golden, scene.__name__)
-
-
-@pytest.mark.dm_control
-def test_the_rat_looks_as_it_did(golden: Goldens) -> None:
-    pytest.importorskip("dm_control")
-    _, model = rat.rat()
-    golden(model, mujoco.MjData(model), "rat", "beside")
 
 
 def test_goldens_are_small() -> None:
