@@ -58,7 +58,7 @@ def test_a_factor_is_as_good_as_stiffer_materials(law: str, method: str) -> None
     scale(scaled, "soft0", 2.0)
     wanted = moved(stiff)
     assert np.abs(moved(soft_one) - wanted).max() > 1e-4
-    np.testing.assert_allclose(moved(scaled), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved(scaled), wanted, rtol=0, atol=1e-14)
 
 
 def test_damping_is_scaled_as_if_built_so() -> None:
