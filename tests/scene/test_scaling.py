@@ -58,7 +58,7 @@ def test_a_factor_is_as_good_as_stiffer_materials(law: str, method: str) -> None
     scale(scaled, "soft0", 2.0)
     wanted = moved(stiff)
     assert np.abs(moved(soft_one) - wanted).max() > 1e-4
-    np.testing.assert_allclose(moved(scaled), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved(scaled), wanted, rtol=0, atol=1e-14)
 
 
 def test_damping_is_scaled_as_if_built_so() -> None:
@@ -125,15 +125,17 @@ def test_rollouts_of_models_of_different_factors_are_the_single_runs() -> None:
     for i, some in enumerate(models):
         scale(some, "soft0", 0.5 + 0.1 * i, damping=(1.0, 1 + i))
     data = mujoco.MjData(model)
+    data.qvel[:] = np.random.default_rng(0).normal(size=model.nv) * 0.3
     start = np.zeros(mujoco.mj_stateSize(model, FULL))
     mujoco.mj_getState(model, data, start, FULL)
     states, _ = rollout.rollout(models, [mujoco.MjData(model) for _ in range(2)], np.tile(start, (16, 1)), nstep=60)
     for some, rolled in zip(models, states, strict=True):
         single, alone = np.zeros_like(start), mujoco.MjData(some)
+        mujoco.mj_setState(some, alone, start, FULL)
         mujoco.mj_step(some, alone, nstep=60)
         mujoco.mj_getState(some, alone, single, FULL)
         np.testing.assert_array_equal(rolled[-1], single)
-    assert len(np.unique(states[:, -1], axis=0)) == 16
+    assert np.abs(np.diff(states[:, -1], axis=0)).max(axis=1).min() > 1e-5
 
 
 @pytest.mark.parametrize("around", [None, ("left_", ""), ("left_", "_end")])
