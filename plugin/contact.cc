@@ -27,7 +27,7 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
     return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);
   }
   for (int s = 0; s < 2; s++) {
-    if (side[s].body && side[s].body->kinematics().IsHeldBy(m, m->geom_bodyid[s == 0 ? g2 : g1])) return 0;
+    if (side[s].body && side[s].body->kinematics().IsHeldBy(m->geom_bodyid[s == 0 ? g2 : g1])) return 0;
   }
   const int geom[2] = {g1, g2};
   TouchScratch scratch;

@@ -15,24 +15,60 @@ int Octant(const Vec3& p) { return (p[0] > 0) + 2 * (p[1] > 0) + 4 * (p[2] > 0);
 
 // Puts points into the order of their clusters, of those of a cluster that of before, and finds their boxes.
 FeatureClusters Sort(const Vec3* points, const int* cluster, size_t n, Vec3* sorted) {
+  size_t next[kMaxFeatureClusters + 1] = {};  // where the next point of each cluster goes
+  for (size_t i = 0; i < n; i++) next[cluster[i] + 1]++;
+  for (int c = 0; c < kMaxFeatureClusters; c++) next[c + 1] += next[c];
+  for (size_t i = 0; i < n; i++) sorted[next[cluster[i]]++] = points[i];
   FeatureClusters out;
-  size_t end = 0;
-  for (int c = 0; c < kMaxFeatureClusters; c++) {
-    const size_t begin = end;
-    Vec3 low{}, high{};
-    for (size_t i = 0; i < n; i++) {
-      if (cluster[i] != c) continue;
-      const Vec3& p = sorted[end] = points[i];
+  size_t begin = 0;
+  for (int c = 0; c < kMaxFeatureClusters; begin = next[c++]) {
+    if (next[c] == begin) continue;
+    Vec3 low = sorted[begin], high = low;
+    for (size_t i = begin + 1; i < next[c]; i++) {
       for (int a = 0; a < 3; a++) {
-        low[a] = end == begin ? p[a] : std::min(low[a], p[a]);
-        high[a] = end == begin ? p[a] : std::max(high[a], p[a]);
+        low[a] = std::min(low[a], sorted[i][a]);
+        high[a] = std::max(high[a], sorted[i][a]);
       }
-      end++;
     }
-    if (end > begin) out.cluster[out.count++] = {begin, end, {0.5 * (low + high), 0.5 * (high - low)}};
+    out.cluster[out.count++] = {begin, next[c], {0.5 * (low + high), 0.5 * (high - low)}};
   }
   return out;
 }
+
+// The features of a box whose half sizes are 1, in clusters.
+struct UnitBox {
+  static constexpr int kCount = 8 + 12 * kEdgePoints;
+
+  UnitBox() {
+    Vec3 added[kCount];
+    int cluster[kCount], count = 0;
+    const auto add = [&](const Vec3& p, int c) {
+      added[count] = p;
+      cluster[count++] = c;
+    };
+    for (int corner = 0; corner < 8; corner++) {
+      Vec3 p;
+      for (int i = 0; i < 3; i++) p[i] = corner >> i & 1 ? 1 : -1;
+      add(p, corner);
+    }
+    for (int axis = 0; axis < 3; axis++) {
+      for (int corner = 0; corner < 8; corner++) {
+        if (corner >> axis & 1) continue;
+        for (int step = 1; step <= kEdgePoints; step++) {
+          Vec3 p = added[corner];
+          p[axis] = 2.0 * step / (kEdgePoints + 1) - 1;
+          add(p, Octant(p));
+        }
+      }
+    }
+    clusters = Sort(added, cluster, count, points);
+  }
+
+  Vec3 points[kCount];
+  FeatureClusters clusters;
+};
+
+const UnitBox kUnitBox;
 
 }  // namespace
 
@@ -64,21 +100,14 @@ void Features::Add(const Vec3& p, int cluster) {
   cluster_[count_++] = cluster;
 }
 
-void Features::AddBox(const mjtNum* half) {
-  for (int corner = 0; corner < 8; corner++) {
-    Vec3 p;
-    for (int i = 0; i < 3; i++) p[i] = corner >> i & 1 ? half[i] : -half[i];
-    Add(p, corner);
-  }
-  for (int axis = 0; axis < 3; axis++) {
-    for (int corner = 0; corner < 8; corner++) {
-      if (corner >> axis & 1) continue;
-      for (int step = 1; step <= kEdgePoints; step++) {
-        Vec3 p = added_[corner];
-        p[axis] = half[axis] * (2.0 * step / (kEdgePoints + 1) - 1);
-        Add(p, Octant(p));
-      }
-    }
+void Features::SetBox(const mjtNum* half) {
+  const auto scaled = [half](const Vec3& p) { return Vec3{half[0] * p[0], half[1] * p[1], half[2] * p[2]}; };
+  std::transform(kUnitBox.points, kUnitBox.points + UnitBox::kCount, sorted_, scaled);
+  points = sorted_;
+  clusters = kUnitBox.clusters;
+  for (int c = 0; c < clusters.count; c++) {
+    AlignedBox& box = clusters.cluster[c].box;
+    box = {scaled(box.centre), scaled(box.half)};
   }
 }
 
@@ -124,8 +153,8 @@ Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) : 
       AddCylinder(size[0], size[1]);
       break;
     case mjGEOM_BOX:
-      AddBox(size);
-      break;
+      SetBox(size);
+      return;
     case mjGEOM_MESH:
     case mjGEOM_SDF:
       if (mesh < 0 || !meshes[mesh]) break;

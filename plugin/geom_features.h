@@ -70,7 +70,7 @@ class Features {
   static constexpr int kMost = 44;  // of geoms other than meshes: a box's
 
   void Add(const Vec3& p, int cluster);
-  void AddBox(const mjtNum* half);
+  void SetBox(const mjtNum* half);
   void AddCylinder(double radius, double half);
   void AddCapsule(double radius, double half);
 

@@ -8,10 +8,6 @@
 namespace mjframes {
 namespace {
 
-void SubtractScaled(double* __restrict out, const double* __restrict values, double scale, int n) {
-  for (int i = 0; i < n; i++) out[i] -= values[i] * scale;
-}
-
 // out += scale times row i of the constraint Jacobian.
 void AddRow(const mjModel* m, const mjData* d, int i, double scale, double* out) {
   if (mj_isSparse(m)) {
@@ -20,7 +16,7 @@ void AddRow(const mjModel* m, const mjData* d, int i, double scale, double* out)
       out[d->efc_J_colind[at]] += scale * d->efc_J[at];
     }
   } else {
-    for (int k = 0; k < m->nv; k++) out[k] += scale * d->efc_J[i * m->nv + k];
+    mju_addToScl(out, d->efc_J + i * m->nv, scale, m->nv);
   }
 }
 
@@ -122,7 +118,7 @@ bool Impedance::SolvePaths(const mjModel* m, const mjData* d) {
       }
     }
     for (int k = length - 1; k > 0; k--) {
-      if (x[k] != 0) SubtractScaled(x, d->qLD + m->M_rowadr[path[k]], x[k], m->M_rownnz[path[k]] - 1);
+      if (x[k] != 0) mju_addToScl(x, d->qLD + m->M_rowadr[path[k]], -x[k], m->M_rownnz[path[k]] - 1);
     }
     for (int k = 0; k < length; k++) half_[path[k]] = x[k] * sqrt_inverse_[path[k]];
     last = path[0];

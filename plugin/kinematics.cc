@@ -128,6 +128,14 @@ void Kinematics::FindMovers(const mjModel* m, int instance) {
     }
     point.still = point.mover < 0 && m->body_parentid[point.body] == holder_;
   }
+  for (const ControlPoint& point : points_) {
+    if (m->body_jntnum[point.body] > 0) continue;
+    // what is held by the body that the soft body was attached to hangs in the holder, which is in that body
+    const int outer = m->body_parentid[point.body];
+    for (const int body : {outer, outer == holder_ ? m->body_parentid[holder_] : 0}) {
+      if (body > 0 && !IsHeldBy(body)) held_by_.push_back(body);
+    }
+  }
   turns_ = turning_ || m->body_treeid[holder_] >= 0;
   if (turns_) bias_.resize(points_.size());
   stiffens_ = turning_;
@@ -378,16 +386,6 @@ void Kinematics::PointMoments(const double* omega, const Vec3& position, std::ve
     into.weight += (*moments)[n].weight;
     into.moment = into.moment + (*moments)[n].moment;
   }
-}
-
-bool Kinematics::IsHeldBy(const mjModel* m, int body) const {
-  for (const ControlPoint& point : points_) {
-    if (m->body_jntnum[point.body] > 0) continue;
-    // what is held by the body that the soft body was attached to hangs in the holder, which is in that body
-    const int outer = m->body_parentid[point.body];
-    if (body == outer || (outer == holder_ && body == m->body_parentid[holder_])) return body > 0;
-  }
-  return false;
 }
 
 double Kinematics::RowEntry(const Moments& moments, const Vec3& direction, int n, int a) const {

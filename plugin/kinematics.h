@@ -18,6 +18,7 @@
 
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -120,7 +121,7 @@ class Kinematics {
   int MoverOfDof(int dof) const;
 
   // Whether some of the soft body is fixed to this body of the scene.
-  bool IsHeldBy(const mjModel* m, int body) const;
+  bool IsHeldBy(int body) const { return std::find(held_by_.begin(), held_by_.end(), body) != held_by_.end(); }
 
   // The soft body's axes in the world, a world direction and a world position in them.
   Mat3 Axes(const mjData* d) const;
@@ -161,6 +162,7 @@ class Kinematics {
   bool free_ = false;      // whether the first mover moves all points
   std::vector<ControlPoint> points_;
   std::vector<Mover> movers_;  // ancestors first
+  std::vector<int> held_by_;   // bodies of the scene that some of it is fixed to
   std::vector<PointPair> pairs_;
   std::vector<int> pair_of_;  // (k × k) until Finish
   std::vector<int> entry_;    // addresses in d->M
