@@ -11,7 +11,7 @@ import mujoco
 from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
-PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft.cc)
+PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft_body.cc)
 
 
 def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjSpec]:

@@ -1,4 +1,4 @@
-"""The plugin instance's attributes: a soft body as the text that plugin/soft.cc reads."""
+"""The plugin instance's attributes: a soft body as the text that plugin/parse.cc reads."""
 
 from __future__ import annotations
 

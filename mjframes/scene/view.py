@@ -22,7 +22,7 @@ from mjframes.scene.identity import asset_key, recall
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, soft_name
 
-SAME_MASS = 1e-4  # [-] as in plugin/soft.cc: the model's masses have six digits
+SAME_MASS = 1e-4  # [-] as in plugin/soft_body.cc: the model's masses have six digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Soft:
 
     @property
     def _mass_scale(self) -> np.ndarray:
-        """(k,) √ of the mass of each point's body in the model, to that it was built with [-]; as in plugin/soft.cc."""
+        """(k,) √ of the mass of each point's body in the model, to that it was built with [-]; as in plugin/soft_body.cc."""
         built = np.bincount(self.bodies, self._built_mass)[self.bodies]
         ratio = self.model.body_mass[self.bodies] / built
         changed = (abs(ratio - 1) > SAME_MASS) & (ratio > 0) & np.isfinite(ratio)  # the plugin warns of the others
