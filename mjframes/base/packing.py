@@ -33,7 +33,7 @@ def packed(value: object, name: str = "", hints: Mapping[str, Any] = types.Mappi
         return {name: _smallest(value.astype(hints.get("kept", value.dtype)))}
     if isinstance(value, tuple) and (not value or isinstance(value[0], np.ndarray)):
         parts = [lower_triangle(part) for part in value] if hints.get("symmetric") else value
-        shapes = np.array([part.shape for part in parts]).reshape(len(parts), -1)
+        shapes = np.array([part.shape for part in parts]) if parts else np.zeros((0, 1))
         values = np.concatenate([np.ravel(part) for part in parts]) if parts else np.zeros(0)
         return {name: _smallest(values), f"{name}.shape": _smallest(shapes.astype(np.int64))}
     if isinstance(value, Mapping):

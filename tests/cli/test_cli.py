@@ -279,7 +279,7 @@ def test_too_little_memory_ends_in_a_sentence(
     def greedy(*_: object) -> None:
         np.zeros(2**62, np.uint8)
 
-    monkeypatch.setattr("mjframes.app.run.load_scene", greedy)
+    monkeypatch.setattr("mjframes.scene.load.load_scene", greedy)
     assert main(["run", str(tmp_path / "scene.xml")]) == 2
     assert re.match(r"mjframes: there is not enough memory \(Unable to allocate 4.00 EiB .*\); take ", sentence(capsys))
 

@@ -38,7 +38,7 @@ def held() -> SoftBody:
     ends = np.zeros((2, 12, 4, 4), bool)
     ends[0, :2], ends[1, -2:] = True, True
     pieces = [Attached(link, mask) for link, mask in zip(("upper", "lower"), ends, strict=True)]
-    return block(attached=tuple(pieces), damping=(0.5, 0.002))
+    return block(supports=tuple(pieces), damping=(0.5, 0.002))
 
 
 @cache

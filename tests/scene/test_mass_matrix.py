@@ -11,7 +11,7 @@ from builders.inertia import bodies, scene
 from builders.scenes import dense_inertia
 
 import mjframes as mf
-from mjframes.app.run import kinetic_energy
+from mjframes.app.measure import kinetic_energy
 from mjframes.scene.view import soft, soft_names
 
 

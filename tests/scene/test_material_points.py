@@ -239,7 +239,7 @@ def test_the_forces_on_each_frame_of_a_body_that_lies_are_balanced(frame_type: s
 def test_a_held_frame_has_no_constraint_force_of_its_own() -> None:
     end = np.zeros((12, 4, 4), bool)
     end[0] = True
-    model, data = compiled(FLOOR, (block(fixed=(mf.Fixed(end),)), (0, 0, 0.001), (1, 0, 0, 0)))
+    model, data = compiled(FLOOR, (block(supports=mf.Fixed(end)), (0, 0, 0.001), (1, 0, 0, 0)))
     view = mf.soft(model, data, "soft0")
     for _ in range(50):
         mujoco.mj_step(model, data)

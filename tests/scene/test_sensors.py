@@ -111,10 +111,11 @@ def test_sensors_survive_prefixes_and_files(tmp_path) -> None:
 
 
 def _after_a_while(model: mujoco.MjModel) -> dict[str, np.ndarray]:
-    data = mujoco.MjData(model)
+    data, touches = mujoco.MjData(model), 0
     for _ in range(150):
         mujoco.mj_step(model, data)
-    assert data.ncon > 0
+        touches += data.ncon
+    assert touches > 0  # before it bounces
     return {model.sensor(i).name: data.sensor(i).data.copy() for i in range(model.nsensor)}
 
 
