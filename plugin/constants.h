@@ -70,12 +70,18 @@ inline constexpr double kTrusted = 2;  // [cubes]
 // A node of which the rows have less weight than this belongs to another branch of the tree.
 inline constexpr double kLeastInRows = 0.5;                           // [-]
 inline constexpr int kTrustedCubes = static_cast<int>(kTrusted) + 1;  // [cubes]
-inline constexpr double kFound = 1e-13;                               // [m] rounding of a world position
-inline constexpr int kFindSteps = 20;                                 // of Newton's method; four are usual
-inline constexpr int kFullSteps = 6;  // after these it is damped: it may swing between cubes of unlike slope
-inline constexpr double kStride = 3;  // [cubes] longest step
-inline constexpr double kTie = 1e-3;  // [cubes] two patches may both have what is midway: neither would be worse
-inline constexpr int kClimbs = 3;     // steps up to the surface along the distance's gradient
+// What a patch keeps while its control points stay where they are; every mjData has it for every patch.
+inline constexpr size_t kKeptNodes = 8;  // those of a cube
+inline constexpr int kKeptTouches = 4;   // geoms it keeps its touches with
+// Where the scene has other soft bodies, which meet many vertices, again and again, with some patches each:
+inline constexpr size_t kKeptSoftNodes = 512;
+inline constexpr int kKeptSoftTouches = 8;
+inline constexpr double kFound = 1e-13;  // [m] rounding of a world position
+inline constexpr int kFindSteps = 20;    // of Newton's method; four are usual
+inline constexpr int kFullSteps = 6;     // after these it is damped: it may swing between cubes of unlike slope
+inline constexpr double kStride = 3;     // [cubes] longest step
+inline constexpr double kTie = 1e-3;     // [cubes] two patches may both have what is midway: neither would be worse
+inline constexpr int kClimbs = 3;        // steps up to the surface along the distance's gradient
 inline constexpr double kFlatDistance =
     0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
 inline constexpr double kOnSurface = 1e-6;  // [cubes]

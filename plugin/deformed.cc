@@ -33,8 +33,32 @@ Vec3 Interpolate(const Vec3* x, const Vec3& f, Mat3* F) {
 
 }  // namespace
 
-DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3* x)
-    : contact_(contact), x_(x), field_(contact.field), volume_(contact.patches[patch].volume), patch_(patch) {}
+void DeformedNodes::Forget() {
+  if (++version_ != 0) return;
+  for (Node& node : nodes_) node.node = -1;
+}
+
+DeformedNodes::Node DeformedNodes::Deform(const DistanceField& field, const PatchVolume& volume, const Vec3* x,
+                                          int number) const {
+  double total = 0;
+  Vec3 sum{};
+  for (int e = field.start[number]; e < field.start[number + 1]; e++) {
+    const int j = field.point[e];
+    if (!volume.in_rows[j]) continue;
+    const double weight = field.weight[e];
+    total += weight;
+    sum = sum + weight * x[j];
+  }
+  return {total < kLeastInRows ? Vec3{} : (1 / total) * sum, total, number, version_};
+}
+
+DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3* x, DeformedNodes* nodes)
+    : contact_(contact),
+      x_(x),
+      nodes_(nodes),
+      field_(contact.field),
+      volume_(contact.patches[patch].volume),
+      patch_(patch) {}
 
 Vec3 DeformedPatch::VertexPoint(int s) const {
   const double* xi = field_.vertex.data() + 3 * (volume_.first_vertex + s);
@@ -61,18 +85,9 @@ bool DeformedPatch::Deform(const int* nodes, Cube* cube) const {
   if (nodes[0] == cube->nodes[0]) return true;
   cube->nodes[0] = -1;
   for (int corner = 0; corner < 8; corner++) {
-    const int node = nodes[corner];
-    double total = 0;
-    Vec3 sum{};
-    for (int e = field_.start[node]; e < field_.start[node + 1]; e++) {
-      const int j = field_.point[e];
-      if (!volume_.in_rows[j]) continue;
-      const double weight = field_.weight[e];
-      total += weight;
-      sum = sum + weight * x_[j];
-    }
-    if (total < kLeastInRows) return false;
-    cube->x[corner] = (1 / total) * sum;
+    const DeformedNodes::Node& node = nodes_->At(nodes[corner], field_, volume_, x_);
+    if (node.total < kLeastInRows) return false;
+    cube->x[corner] = node.x;
   }
   std::copy(nodes, nodes + 8, cube->nodes);
   return true;
@@ -134,12 +149,9 @@ void DeformedPatch::AddWeights(const Vec3& xi, double scale, double* weight) con
   if (!field_.CubeAt(xi, nodes, &fraction)) return;
   const std::array<double, 8> trilinear = TrilinearWeights(fraction);
   for (int corner = 0; corner < 8; corner++) {
-    double total = 0;
-    const int begin = field_.start[nodes[corner]], end = field_.start[nodes[corner] + 1];
-    for (int e = begin; e < end; e++) total += volume_.in_rows[field_.point[e]] * field_.weight[e];
-    for (int e = begin; e < end; e++) {
-      if (volume_.in_rows[field_.point[e]])
-        weight[field_.point[e]] += scale * trilinear[corner] / total * field_.weight[e];
+    const double share = scale * trilinear[corner] / nodes_->At(nodes[corner], field_, volume_, x_).total;
+    for (int e = field_.start[nodes[corner]]; e < field_.start[nodes[corner] + 1]; e++) {
+      if (volume_.in_rows[field_.point[e]]) weight[field_.point[e]] += share * field_.weight[e];
     }
   }
 }

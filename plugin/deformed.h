@@ -6,16 +6,51 @@
 #ifndef MJFRAMES_PLUGIN_DEFORMED_H_
 #define MJFRAMES_PLUGIN_DEFORMED_H_
 
+#include <cstdint>
+#include <vector>
+
 #include "distance_field.h"
 #include "linear.h"
 #include "patch.h"
 
 namespace mjframes {
 
+// Nodes of the distance field where a patch's control points are now. Each is found when it is asked for and kept in a
+// place that it shares with others.
+class DeformedNodes {
+ public:
+  struct Node {
+    Vec3 x;             // deformed, where the total is at least kLeastInRows [m]
+    double total;       // weight of the patch's rows in the node [-]
+    int32_t node = -1;  // which
+    uint32_t version;   // of the control points that it was found for
+  };
+
+  // places: how many; not asked for any node where there are none.
+  explicit DeformedNodes(size_t places) : nodes_(places) {}
+
+  // After the control points have moved.
+  void Forget();
+
+  // x: of the control points in the world, by control point [m].
+  const Node& At(int node, const DistanceField& field, const PatchVolume& volume, const Vec3* x) {
+    Node& kept = nodes_[static_cast<size_t>(node) % nodes_.size()];
+    if (kept.node != node || kept.version != version_) kept = Deform(field, volume, x, node);
+    return kept;
+  }
+
+ private:
+  Node Deform(const DistanceField& field, const PatchVolume& volume, const Vec3* x, int node) const;
+
+  std::vector<Node> nodes_;
+  uint32_t version_ = 0;
+};
+
 class DeformedPatch {
  public:
-  // x: where the control points are in the world, by control point [m]; those that the patch's rows have.
-  DeformedPatch(const ContactModel& contact, int patch, const Vec3* x);
+  // x: where the control points are in the world, by control point [m]; those that the patch's rows have. nodes: of
+  // these.
+  DeformedPatch(const ContactModel& contact, int patch, const Vec3* x, DeformedNodes* nodes);
 
   bool Near(const Vec3& xi, double error) const { return volume_.Near(field_, xi, error); }
 
@@ -60,6 +95,7 @@ class DeformedPatch {
 
   const ContactModel& contact_;
   const Vec3* x_;
+  DeformedNodes* nodes_;
   const DistanceField& field_;
   const PatchVolume& volume_;
   int patch_;

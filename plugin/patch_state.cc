@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "constants.h"
 #include "kinematics.h"
 #include "simd.h"
 
@@ -54,17 +55,51 @@ std::array<mjtNum, 12> PlaceOf(const mjData* d, int geom) {
   return place;
 }
 
-// Shares are of vertices, cluster by cluster; other entries are of clusters that do not touch.
-void CopyShares(const Touch* touch, int count, const double* from, double* to) {
+// Shares are of vertices, cluster by cluster; other entries are of clusters that do not touch. Material points, if any,
+// are of vertices that have a share.
+void CopyShares(const Touch* touch, int count, const double* from, const Vec3* from_xi, double* to, Vec3* to_xi) {
   for (int i = 0; i < count; i++) {
-    if (touch[i].side >= 0) std::copy(from + touch[i].begin, from + touch[i].end, to + touch[i].begin);
+    if (touch[i].side < 0) continue;
+    for (int s = touch[i].begin; s < touch[i].end; s++) {
+      to[s] = from[s];
+      if (from_xi && from[s] != 0) to_xi[s] = from_xi[s];
+    }
   }
+}
+
+// Those of the cubes of which one is under the patch.
+std::vector<int32_t> NodesBelow(const DistanceField& field, int patch) {
+  std::vector<uint8_t> below(field.node.size(), 0);
+  const int32_t* shape = field.shape.data();
+  for (const int32_t place : field.node) {
+    const Vec3 corner = {static_cast<double>(place / (shape[1] * shape[2])),
+                         static_cast<double>(place / shape[2] % shape[1]), static_cast<double>(place % shape[2])};
+    int nodes[8];
+    Vec3 fraction;
+    if (!field.CubeAt(corner, nodes, &fraction)) continue;
+    const bool owned = std::any_of(nodes, nodes + 8, [&](int node) { return field.patch[node] == patch; });
+    for (const int node : nodes) below[node] |= owned;
+  }
+  std::vector<int32_t> found;
+  for (size_t node = 0; node < below.size(); node++) {
+    if (below[node]) found.push_back(static_cast<int32_t>(node));
+  }
+  return found;
 }
 
 }  // namespace
 
-PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch)
-    : contact_(contact), kinematics_(kinematics), patch_(contact.patches[patch]), axes_(kIdentity) {
+PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch, bool pairs)
+    : contact_(contact),
+      kinematics_(kinematics),
+      patch_(contact.patches[patch]),
+      number_(patch),
+      axes_(kIdentity),
+      nodes_(!contact.has_volume ? 0
+             : pairs             ? kKeptSoftNodes
+                                 : kKeptNodes),
+      touches_(pairs ? kKeptSoftTouches : kKeptTouches) {
+  if (contact.has_volume && pairs) below_ = NodesBelow(contact.field, patch);
   const std::vector<uint8_t>& in_rows = patch_.volume.in_rows;
   for (size_t j = 0; j < in_rows.size(); j++) {
     if (in_rows[j]) point_.push_back(static_cast<int32_t>(j));
@@ -75,13 +110,18 @@ PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics
   constexpr double kNowhere = std::numeric_limits<double>::quiet_NaN();  // equal to nothing
   x_.assign(kinematics.points().size(), {kNowhere, kNowhere, kNowhere});
   vertices_.resize(3 * static_cast<size_t>(patch_.vertices));
-  for (Kept& kept : touches_) kept.share.resize(patch_.vertices);
+  for (Kept& kept : touches_) {
+    kept.share.resize(patch_.vertices);
+    if (pairs) kept.xi.resize(patch_.vertices);
+  }
 }
 
 void PatchState::Update(const mjData* d) {
   bool same = true;
   for (const int32_t j : point_) {
-    const Vec3 x = kinematics_.WorldPosition(d, j);
+    const ControlPoint& point = kinematics_.points()[j];
+    const mjtNum* origin = d->xpos + 3 * point.body;
+    const Vec3 x = point.offset ? kinematics_.WorldPosition(d, j) : Vec3{origin[0], origin[1], origin[2]};
     same = same && x == x_[j];
     x_[j] = x;
   }
@@ -91,7 +131,9 @@ void PatchState::Update(const mjData* d) {
     axes_ = axes;
   }
   if (same) return;
-  posed_ = skinned_ = false;
+  posed_ = skinned_ = bounded_ = false;
+  nodes_.Forget();
+  version_++;
   kept_ = 0;
 }
 
@@ -122,27 +164,46 @@ const double* PatchState::Vertices() {
   return out;
 }
 
-void PatchState::Keep(const mjData* d, int geom, const Touch* touch, int count, const double* share) {
+const AlignedBox& PatchState::MaterialBox() {
+  if (bounded_) return material_;
+  bounded_ = true;
+  Vec3 low = {mjMAXVAL, mjMAXVAL, mjMAXVAL}, high = {-mjMAXVAL, -mjMAXVAL, -mjMAXVAL};
+  for (const int32_t number : below_) {
+    const DeformedNodes::Node& node = nodes_.At(number, contact_.field, patch_.volume, x_.data());
+    if (node.total < kLeastInRows) continue;
+    for (int c = 0; c < 3; c++) {
+      low[c] = std::min(low[c], node.x[c]);
+      high[c] = std::max(high[c], node.x[c]);
+    }
+  }
+  material_ = {0.5 * (low + high), 0.5 * (high - low)};
+  return material_;
+}
+
+void PatchState::Keep(const mjData* d, int geom, const PatchState* other, const Touch* touch, int count,
+                      const double* share, const Vec3* xi) {
   const auto end = touches_.begin() + kept_;
   const auto found = std::find_if(touches_.begin(), end, [geom](const Kept& kept) { return kept.geom == geom; });
-  if (found == touches_.end() || (found == end && count == 0)) return;
+  if (found == touches_.end() || (found == end && count == 0 && !other)) return;
   if (found == end) kept_++;
   found->geom = geom;
   found->count = count;
+  found->version = other ? other->version_ : 0;
   found->place = PlaceOf(d, geom);
   std::copy_n(touch, count, found->touch.begin());
-  CopyShares(touch, count, share, found->share.data());
+  CopyShares(touch, count, share, other ? xi : nullptr, found->share.data(), found->xi.data());
 }
 
-int PatchState::Recall(const mjData* d, int geom, Touch* touch, double* share) const {
+int PatchState::Recall(const mjData* d, int geom, const PatchState* other, Touch* touch, double* share,
+                       Vec3* xi) const {
   for (int i = 0; i < kept_; i++) {
     const Kept& kept = touches_[i];
-    if (kept.geom != geom || kept.place != PlaceOf(d, geom)) continue;
+    if (kept.geom != geom || kept.version != (other ? other->version_ : 0) || kept.place != PlaceOf(d, geom)) continue;
     std::copy_n(kept.touch.begin(), kept.count, touch);
-    CopyShares(touch, kept.count, kept.share.data(), share);
+    CopyShares(touch, kept.count, kept.share.data(), other ? kept.xi.data() : nullptr, share, xi);
     return kept.count;
   }
-  return 0;
+  return -1;
 }
 
 }  // namespace mjframes

@@ -1,4 +1,5 @@
-// What is known of a patch where its control points are now: its pose, its vertices, and where it touches rigid geoms.
+// What is known of a patch where its control points are now: its pose, its vertices, nodes of the lattice that were
+// asked for, and where it touches other geoms.
 //
 // MuJoCo asks for contacts first, on several threads where it has a pool, and for their rows later. What was found is
 // kept from one to the other, and vertices from one geom to the next. Nothing tells when mjData was changed in between,
@@ -14,6 +15,7 @@
 #include <mutex>
 #include <vector>
 
+#include "deformed.h"
 #include "linear.h"
 #include "patch.h"
 #include "touch.h"
@@ -25,13 +27,14 @@ class Kinematics;
 // It belongs to one mjData; whoever uses its states has locked their mutex.
 class PatchState {
  public:
-  PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch);
+  // pairs: whether the scene has patches of other soft bodies.
+  PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch, bool pairs);
 
   // Forgets what is not so where the control points are in `d`.
   void Update(const mjData* d);
 
-  // Where they are, by control point [m]; only those that the patch depends on.
-  const Vec3* positions() const { return x_.data(); }
+  // The volume below the patch there.
+  DeformedPatch Deformed() { return {contact_, number_, x_.data(), &nodes_}; }
 
   // Empty where the soft body has no volume.
   const PatchPose& Pose();
@@ -45,36 +48,48 @@ class PatchState {
     return box_;
   }
 
-  // Keeps the touches with a rigid geom for as long as neither moves, if there is room. share: of the vertices.
-  void Keep(const mjData* d, int geom, const Touch* touch, int count, const double* share);
+  // Around the deformed nodes of all cubes of which one is under this patch: no other place is found to be under it.
+  const AlignedBox& MaterialBox();
 
-  // Returns how many are kept of the geom where it is now, and copies them.
-  int Recall(const mjData* d, int geom, Touch* touch, double* share) const;
+  // Keeps the touches with a geom for as long as neither moves, if there is room. other: the geom's patch, null where
+  // it is rigid. share, xi: of the vertices; material points xi of the other patch.
+  void Keep(const mjData* d, int geom, const PatchState* other, const Touch* touch, int count, const double* share,
+            const Vec3* xi);
+
+  // Returns how many are kept of the geom where it is now, and copies them; −1 where it is not known.
+  int Recall(const mjData* d, int geom, const PatchState* other, Touch* touch, double* share, Vec3* xi) const;
 
   std::mutex mutex;
 
  private:
   struct Kept {
     int geom, count;
+    uint64_t version;              // of the other patch, 0 for rigid geoms
     std::array<mjtNum, 12> place;  // of the geom
     std::array<Touch, kMaxTouches> touch;
     std::vector<double> share;
+    std::vector<Vec3> xi;  // empty without other soft bodies
   };
 
   const ContactModel& contact_;
   const Kinematics& kinematics_;
   const Patch& patch_;
+  const int number_;            // of the patch
   std::vector<int32_t> point_;  // those that the patch depends on
   std::vector<Vec3> x_;         // (k)
   Mat3 axes_;                   // of the soft body, in the world
+  std::vector<int32_t> below_;  // nodes of the cubes of MaterialBox
+  uint64_t version_ = 0;        // how often they have moved
 
   // of these positions
-  bool posed_ = false, skinned_ = false;
+  bool posed_ = false, skinned_ = false, bounded_ = false;
   PatchPose pose_{{}, {}, {}, 0, 1};
   std::vector<double> vertices_;
   AlignedBox box_{};  // of these
-  int kept_ = 0;      // so many of these
-  std::array<Kept, 4> touches_;
+  DeformedNodes nodes_;
+  AlignedBox material_{};
+  int kept_ = 0;  // so many of these
+  std::vector<Kept> touches_;
 };
 
 }  // namespace mjframes

@@ -64,7 +64,7 @@ bool Placed::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3*
 Placed Place(const SoftContact& contact, int patch, const mjData* d, double room) {
   PatchState* state = contact.states()[patch].get();
   state->Update(d);
-  return {DeformedPatch(contact.model(), patch, state->positions()), state, state->Pose(), room};
+  return {state->Deformed(), state, state->Pose(), room};
 }
 
 }  // namespace mjframes

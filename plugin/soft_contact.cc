@@ -2,11 +2,16 @@
 
 #include <algorithm>
 
+#include "patch_field.h"
+
 namespace mjframes {
 
 SoftContact::SoftContact(const mjModel* m, const ContactModel& model, const Kinematics& kinematics) : model_(model) {
+  size_t patches = 0;  // of the scene
+  for (int geom = 0; geom < m->ngeom; geom++) patches += SoftInstanceOf(m, geom) >= 0;
+  const bool pairs = patches > model.patches.size();
   for (size_t i = 0; i < model.patches.size(); i++) {
-    states_.push_back(std::make_unique<PatchState>(model, kinematics, static_cast<int>(i)));
+    states_.push_back(std::make_unique<PatchState>(model, kinematics, static_cast<int>(i), pairs));
   }
   if (!model.patches.empty()) meshes_ = FindCollisionMeshes(m);
 }

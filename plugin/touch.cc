@@ -188,12 +188,16 @@ int VertexTouches(const Placed& mine, const Placed& other, int side, double marg
   Vec3 normals[kMaxPatchVertices];
   const Patch& patch = mine.deformed.patch();
   const double* vertices = mine.state->Vertices();
+  if (mine.state->VertexBox().Apart(other.pose.box, other.room + kBoxMargin)) return 0;
+  const AlignedBox& material = other.state->MaterialBox();
+  if (mine.state->VertexBox().Apart(material, kBoxMargin)) return 0;
   int begin = 0, count = 0;
   for (const int size : patch.cluster) {
     const int end = begin + size;
     for (int s = begin; s < end; s++) {
       const Vec3 p = Vertex(vertices, patch.vertices, s);
-      const bool near = other.Distance(p, true, &scratch->xi[side][s], &share[s], &normals[s]);
+      const bool near =
+          material.Contains(p, kBoxMargin) && other.Distance(p, true, &scratch->xi[side][s], &share[s], &normals[s]);
       share[s] = near ? share[s] - radius : mjMAXVAL;
     }
     Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
@@ -227,9 +231,14 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
     const Placed mine = Place(side[0].body->contact(), side[0].patch, d, room),
                  other = Place(side[1].body->contact(), side[1].patch, d, room);
     if (mine.pose.box.Apart(other.pose.box, room)) return 0;
-    int count = VertexTouches(mine, other, 0, margin, scratch, out);
-    for (int i = 0; i < count; i++) out[i].normal = -1 * out[i].normal;
-    return count + VertexTouches(other, mine, 1, margin, scratch, out + count);
+    const int first = VertexTouches(mine, other, 0, margin, scratch, out);
+    for (int i = 0; i < first; i++) out[i].normal = -1 * out[i].normal;
+    const int count = first + VertexTouches(other, mine, 1, margin, scratch, out + first);
+    if (count > 0) {
+      mine.state->Keep(d, geom[1], other.state, out, first, scratch->share[0], scratch->xi[0]);
+      other.state->Keep(d, geom[0], mine.state, out + first, count - first, scratch->share[1], scratch->xi[1]);
+    }
+    return count;
   }
   const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
   const SoftContact& contact = side[s].body->contact();
@@ -249,21 +258,33 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
       if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;
     }
   }
-  soft.state->Keep(d, rigid, out, count, scratch->share[s]);
+  soft.state->Keep(d, rigid, nullptr, out, count, scratch->share[s], nullptr);
   return count;
 }
 
 int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], TouchScratch* scratch, Touch* out) {
-  if (side[0].body && side[1].body) return 0;
-  const int s = side[1].body ? 1 : 0;
-  if (side[s].patch < 0) return 0;
+  if (side[0].body == side[1].body) return 0;
+  for (int s = 0; s < 2; s++) {
+    if (side[s].body && side[s].patch < 0) return 0;
+  }
   const PatchLocks locks(geom, side);
-  PatchState* state = side[s].body->contact().states()[side[s].patch].get();
-  state->Update(d);
-  const int count = state->Recall(d, geom[1 - s], out, scratch->share[s]);
-  // sensors of distance, too, search, and may name the two in the other order
-  for (int i = 0; i < count; i++) {
-    if (out[i].side >= 0) out[i].side = s;
+  PatchState* state[2] = {};
+  for (int s = 0; s < 2; s++) {
+    if (!side[s].body) continue;
+    state[s] = side[s].body->contact().states()[side[s].patch].get();
+    state[s]->Update(d);
+  }
+  int count = 0;
+  for (int s = 0; s < 2; s++) {
+    if (!state[s]) continue;
+    Touch* own = out + count;
+    const int found = state[s]->Recall(d, geom[1 - s], state[1 - s], own, scratch->share[s], scratch->xi[s]);
+    if (found < 0) return 0;
+    // sensors of distance, too, search, and may name the two in the other order
+    for (int i = 0; i < found; i++) {
+      if (own[i].side >= 0) own[i].side = s;
+    }
+    count += found;
   }
   return count;
 }
@@ -271,7 +292,7 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {
   PatchState* state = side[s].body->contact().states()[side[s].patch].get();
   const std::lock_guard lock(state->mutex);
-  const DeformedPatch deformed(side[s].body->contact().model(), side[s].patch, state->positions());
+  const DeformedPatch deformed = state->Deformed();
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
     deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);

@@ -45,7 +45,7 @@ struct TouchScratch {
 };
 
 // Where the two geoms touch, or would: in a fixed order, none farther than `margin`. Nothing if the two sides are the
-// same soft body. Patches keep their touches with rigid geoms.
+// same soft body. Patches keep their touches.
 int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
                 TouchScratch* scratch, Touch* out);
 
