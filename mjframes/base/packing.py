@@ -19,6 +19,7 @@ from scipy import sparse
 
 T = TypeVar("T")
 Arrays = dict[str, NDArray[Any]]
+CONCRETE = (np.int64, np.int32, np.float64, np.float32)  # types that annotations name; others are of many
 ROW_PARTS = ("data", "indices", "indptr", "columns")
 
 
@@ -126,8 +127,8 @@ def _is_array(kind: Any) -> bool:
 def _dtype(kind: Any, array: NDArray[Any]) -> Any:
     """The scalar type that an annotation names; else wide integers, and the array's own."""
     named = get_args(get_args(kind)[1])[0] if get_origin(kind) is np.ndarray else None
-    if isinstance(named, type) and named in (np.int64, np.int32, np.float64, np.float32):
-        return named
+    if isinstance(named, type) and issubclass(named, np.generic):
+        return named if named in CONCRETE else array.dtype
     return np.int64 if np.issubdtype(array.dtype, np.integer) else array.dtype
 
 

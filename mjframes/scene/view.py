@@ -139,7 +139,7 @@ class Soft:
 
     @property
     def _mass_scale(self) -> np.ndarray:
-        """(k,) √ of the mass of each point's body in the model, to that it was built with [-]; as in plugin/soft_body.cc."""
+        """(k,) √ of the mass of each point's body, to that it was built with [-]; as in plugin/soft_body.cc."""
         built = np.bincount(self.bodies, self._built_mass)[self.bodies]
         ratio = self.model.body_mass[self.bodies] / built
         changed = (abs(ratio - 1) > SAME_MASS) & (ratio > 0) & np.isfinite(ratio)  # the plugin warns of the others
