@@ -81,6 +81,8 @@ def _restored(kind: Any, arrays: Mapping[str, NDArray[Any]], name: str, hints: M
             return tuple(symmetric_matrix(part) for part in parts[: len(shapes)])
         return tuple(part.reshape(shape) for part, shape in zip(parts, shapes.tolist(), strict=False))
     if origin is tuple:
+        if arguments[-1] is not Ellipsis and len(array) != len(arguments):
+            raise ValueError(f"{name} has {len(array)} values")
         return tuple(arguments[0](some) for some in array.tolist())
     if origin in (dict, Mapping):
         return {arguments[0](key): _from_json(arguments[1], some) for key, some in json.loads(str(array)).items()}

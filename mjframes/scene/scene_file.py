@@ -83,6 +83,9 @@ def scene_with(
     Raise MjframesError for a scene that cannot be loaded, and for a name or a parent that it does not allow.
     """
     spec = load_scene(scene)[1]
+    if parent != "world" and spec.body(parent) is None:
+        known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
+        raise MjframesError(f"--parent is {parent!r}, but the bodies of {scene} are: {known}.")
     if any(name == other.name for other in (*spec.bodies, *spec.plugins)):
         raise MjframesError(f"--name is {name!r}, which {scene} has already; give another one.")
     kept = [(key, np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]
