@@ -136,7 +136,7 @@ def test_constants_can_be_set_by_label() -> None:
 )
 def test_wrong_laws_are_refused(choices: dict, words: str) -> None:
     with pytest.raises(mf.MjframesError, match=words):
-        mf.build(beam_volume(), 3, **choices)
+        mf.build(**{"volume": beam_volume(), "frames": 3, **choices})
 
 
 @pytest.mark.parametrize("method", METHODS)

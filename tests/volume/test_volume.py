@@ -280,7 +280,8 @@ def test_save_leaves_the_old_file_if_it_fails(tmp_path: Path, monkeypatch: pytes
 
 def test_save_names_a_path_it_cannot_write(tmp_path: Path) -> None:
     volume = Volume.from_labels(_labels(), 0.002, MATERIALS)
-    with pytest.raises(MjframesError, match=r"nowhere.v\.npz: "):
+    (tmp_path / "nowhere").write_text("no folder")
+    with pytest.raises(MjframesError, match=r"nowhere.v\.npz: the volume cannot be written there"):
         volume.save(tmp_path / "nowhere" / "v.npz")
     with pytest.raises(MjframesError, match=r"saved as \.npz"):
         volume.save(tmp_path / "v.nrrd")

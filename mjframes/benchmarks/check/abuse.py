@@ -219,8 +219,8 @@ def soft_body(kind: int) -> SoftBody:
         labels[3:5, 1:3, 1:3] = 2
         end = np.arange(SHAPE[0])[:, None, None] * np.ones(SHAPE, int) < 1
         if options.pop("fixed", False):
-            options["fixed"] = [Fixed(end)]
+            options["supports"] = [Fixed(end)]
         if options.pop("attached", False):
-            options["attached"] = [Attached("arm", end)]
+            options["supports"] = [Attached("arm", end)]
         _BODIES[kind] = build(Volume.from_labels(labels, SPACING, materials), 3, **options)  # pyright: ignore[reportArgumentType]
     return _BODIES[kind]
