@@ -82,6 +82,25 @@ std::array<double, 8> TrilinearWeights(const Vec3& f) {
   return weight;
 }
 
+std::vector<int> DistanceField::NodesBelow(int of, bool inside) const {
+  std::vector<uint8_t> below(node.size(), 0);
+  for (const int32_t at : node) {
+    const Vec3 corner = {static_cast<double>(at / (shape[1] * shape[2])), static_cast<double>(at / shape[2] % shape[1]),
+                         static_cast<double>(at % shape[2])};
+    int nodes[8];
+    Vec3 fraction;
+    if (!CubeAt(corner, nodes, &fraction)) continue;
+    const bool owned = std::any_of(nodes, nodes + 8, [&](int some) { return patch[some] == of; });
+    const bool reaches = !inside || std::any_of(nodes, nodes + 8, [&](int some) { return distance[some] < 0; });
+    for (const int some : nodes) below[some] |= owned && reaches;
+  }
+  std::vector<int> found;
+  for (size_t some = 0; some < below.size(); some++) {
+    if (below[some]) found.push_back(static_cast<int>(some));
+  }
+  return found;
+}
+
 double DistanceField::Distance(const int* nodes, const Vec3& f, Vec3* gradient) const {
   const double x[2] = {1 - f[0], f[0]}, y[2] = {1 - f[1], f[1]}, z[2] = {1 - f[2], f[2]};
   double value = 0;

@@ -45,6 +45,9 @@ struct DistanceField {
   // The eight nodes around ξ, x fastest, and where ξ is among them; false where one is missing.
   bool CubeAt(const Vec3& xi, int* nodes, Vec3* fraction) const;
 
+  // The nodes, ascending, of the cubes of which one is under the patch; only of those that reach inside, if `inside`.
+  std::vector<int> NodesBelow(int patch, bool inside) const;
+
   // φ [m] and ∂φ/∂ξ.
   double Distance(const int* nodes, const Vec3& fraction, Vec3* gradient) const;
 };

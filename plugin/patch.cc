@@ -21,20 +21,7 @@ std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size
       samples.back()[patch.point[a]] = patch.weight[a * patch.vertices + s];
     }
   }
-  std::vector<uint8_t> below(field.node.size(), 0);
-  const int32_t* shape = field.shape.data();
-  for (const int32_t place : field.node) {
-    const Vec3 corner = {static_cast<double>(place / (shape[1] * shape[2])),
-                         static_cast<double>(place / shape[2] % shape[1]), static_cast<double>(place % shape[2])};
-    int nodes[8];
-    Vec3 fraction;
-    if (!field.CubeAt(corner, nodes, &fraction)) continue;
-    const bool owned = std::any_of(nodes, nodes + 8, [&](int node) { return field.patch[node] == number; });
-    const bool inside = std::any_of(nodes, nodes + 8, [&](int node) { return field.distance[node] < 0; });
-    for (const int node : nodes) below[node] |= owned && inside;
-  }
-  for (size_t node = 0; node < below.size(); node++) {
-    if (!below[node]) continue;
+  for (const int node : field.NodesBelow(number, true)) {
     std::vector<double> weight(k, 0.0);
     double total = 0;
     for (int e = field.start[node]; e < field.start[node + 1]; e++) {

@@ -67,26 +67,6 @@ void CopyShares(const Touch* touch, int count, const double* from, const Vec3* f
   }
 }
 
-// Those of the cubes of which one is under the patch.
-std::vector<int32_t> NodesBelow(const DistanceField& field, int patch) {
-  std::vector<uint8_t> below(field.node.size(), 0);
-  const int32_t* shape = field.shape.data();
-  for (const int32_t place : field.node) {
-    const Vec3 corner = {static_cast<double>(place / (shape[1] * shape[2])),
-                         static_cast<double>(place / shape[2] % shape[1]), static_cast<double>(place % shape[2])};
-    int nodes[8];
-    Vec3 fraction;
-    if (!field.CubeAt(corner, nodes, &fraction)) continue;
-    const bool owned = std::any_of(nodes, nodes + 8, [&](int node) { return field.patch[node] == patch; });
-    for (const int node : nodes) below[node] |= owned;
-  }
-  std::vector<int32_t> found;
-  for (size_t node = 0; node < below.size(); node++) {
-    if (below[node]) found.push_back(static_cast<int32_t>(node));
-  }
-  return found;
-}
-
 }  // namespace
 
 PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics, int patch, bool pairs)
@@ -99,7 +79,7 @@ PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics
              : pairs             ? kKeptSoftNodes
                                  : kKeptNodes),
       touches_(pairs ? kKeptSoftTouches : kKeptTouches) {
-  if (contact.has_volume && pairs) below_ = NodesBelow(contact.field, patch);
+  if (contact.has_volume && pairs) below_ = contact.field.NodesBelow(patch, false);
   const std::vector<uint8_t>& in_rows = patch_.volume.in_rows;
   for (size_t j = 0; j < in_rows.size(); j++) {
     if (in_rows[j]) point_.push_back(static_cast<int32_t>(j));
@@ -168,7 +148,7 @@ const AlignedBox& PatchState::MaterialBox() {
   if (bounded_) return material_;
   bounded_ = true;
   Vec3 low = {mjMAXVAL, mjMAXVAL, mjMAXVAL}, high = {-mjMAXVAL, -mjMAXVAL, -mjMAXVAL};
-  for (const int32_t number : below_) {
+  for (const int number : below_) {
     const DeformedNodes::Node& node = nodes_.At(number, contact_.field, patch_.volume, x_.data());
     if (node.total < kLeastInRows) continue;
     for (int c = 0; c < 3; c++) {

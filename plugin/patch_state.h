@@ -78,7 +78,7 @@ class PatchState {
   std::vector<int32_t> point_;  // those that the patch depends on
   std::vector<Vec3> x_;         // (k)
   Mat3 axes_;                   // of the soft body, in the world
-  std::vector<int32_t> below_;  // nodes of the cubes of MaterialBox
+  std::vector<int> below_;      // nodes of the cubes of MaterialBox
   uint64_t version_ = 0;        // how often they have moved
 
   // of these positions

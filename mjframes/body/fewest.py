@@ -11,9 +11,8 @@ from mjframes.whole_body.build import Condensed, FiniteElements
 from mjframes.whole_body.error import BodyError, expected
 
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40)  # frames that are tried
-HOPE = (
-    2.0  # [-] coordinates that miss an error by more than this factor are not tried: bodies turn out 0.6 to 1.7 times
-)
+# Coordinates that miss an error by more than this factor are not tried: bodies turn out 0.6 to 1.7 times as far off
+HOPE = 2.0  # [-]
 
 
 def fewest_frames(

@@ -27,6 +27,8 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from mjframes.app.log.numbers import nanoseconds_of
+
 WORLD = "world"
 DRAWN = 3  # geom groups from this on are not drawn by MuJoCo's default
 PLAIN = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that is given none, MuJoCo's default
@@ -46,11 +48,6 @@ def timestamp(time: float) -> Timestamp:
     """Return simulated time [s] as protobuf has it."""
     seconds, nanoseconds = divmod(nanoseconds_of(time), 10**9)
     return Timestamp(seconds=seconds, nanos=nanoseconds)
-
-
-def nanoseconds_of(time: float) -> int:
-    """Return simulated time [s] in nanoseconds."""
-    return round(time * 1e9)
 
 
 def transforms(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> FrameTransforms:

@@ -22,6 +22,11 @@ FIELDS: dict[str, dict[str, Any]] = {
 }
 
 
+def nanoseconds_of(time: float) -> int:
+    """Return simulated time [s] in nanoseconds."""
+    return round(time * 1e9)
+
+
 def schemas(model: mujoco.MjModel, soft_names: Iterable[str], topics: Collection[str]) -> dict[str, dict[str, Any]]:
     """Return the JSON schema of each topic of numbers."""
     found = {f"/{name}": FIELDS[name] for name in ("state", "energy", "contacts") if name in topics}

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 
-from mjframes.app.log.numbers import messages, schemas, sensor_message
+from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, sensor_message
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 
@@ -90,7 +90,7 @@ class LogWriter:
         self._write(topic, now, message.SerializeToString())
 
     def _write(self, topic: str, now: float, message: bytes) -> None:
-        nanoseconds = round(now * 1e9)
+        nanoseconds = nanoseconds_of(now)
         self._writer.add_message(self._channels[topic], nanoseconds, message, nanoseconds)
         if time.monotonic() > self._flushed + FLUSH:
             self._writer.flush()
