@@ -8,6 +8,10 @@
 
 namespace mjframes {
 
+// [-] pivot of the stiffness of a region's own points, to the largest of its diagonal, of what has no stiffness;
+// rounding leaves about 1e-15.
+inline constexpr double kSingularShare = 1e-12;
+
 // Elasticity, law `corotational` (corotational.h)
 
 // [-] of e, above which θ is 1: frames turned by less than 66° against their region and nowhere shortened below 0.4.

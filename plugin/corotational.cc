@@ -32,6 +32,22 @@ double Trust(const Region& region, const Vec3* x, const Mat3& back, const Mat3& 
   return TrustOf(least);
 }
 
+// Into a lane of a batch: what factors of the materials change.
+void FillLane(const Region& region, int lane, RegionBatch* batch) {
+  const size_t width = 3 * static_cast<size_t>(region.size());
+  size_t entry = 0;
+  for (int j = 0; j < region.size(); j++) {
+    for (int k = 0; k <= j; k++) {
+      for (int e = 0; e < 9; e++, entry++) {
+        batch->stiffness[kWideLanes * entry + lane] = region.stiffness[(3 * j + e / 3) * width + 3 * k + e % 3];
+      }
+    }
+  }
+  for (size_t q = 0; q < region.cells.size(); q++) {
+    batch->material[kWideLanes * q + lane] = region.cells[q].material;
+  }
+}
+
 RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   RegionBatch batch;
   const int m = batch.size = regions.front()->size();
@@ -72,18 +88,15 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
         batch.fallback[kWideLanes * (3 * j + r) + lane] = region.fallback[j][r];
         batch.own[kWideLanes * (3 * j + r) + lane] = region.own[j][r];
       }
-      for (int k = 0; filled && k <= j; k++, block++) {
-        batch.pair[kWideLanes * block + lane] = region.pair[block];
-        for (int e = 0; e < 9; e++) {
-          batch.stiffness[kWideLanes * (9 * static_cast<size_t>(block) + e) + lane] =
-              region.stiffness[(3 * j + e / 3) * 3 * static_cast<size_t>(region.size()) + 3 * k + e % 3];
-        }
-      }
+      for (int k = 0; filled && k <= j; k++, block++) batch.pair[kWideLanes * block + lane] = region.pair[block];
+    }
+    if (filled) {
+      batch.region.push_back(region.number);
+      FillLane(region, lane, &batch);
     }
     for (size_t q = 0; filled && q < region.cells.size(); q++) {
       const Cell& cell = region.cells[q];
       batch.volume[kWideLanes * q + lane] = cell.volume;
-      batch.material[kWideLanes * q + lane] = cell.material;
       for (int j = 0; j < region.size(); j++) {
         double* slope = batch.slope.data() + kWideLanes * 27 * (q * m + j) + lane;
         for (int e = 0; e < 27; e++) slope[kWideLanes * e] = cell.slope[3 * (e / 3 * region.size() + j) + e % 3];
@@ -95,6 +108,14 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 }
 
 }  // namespace
+
+void Refill(const std::vector<Region>& regions, std::vector<RegionBatch>* batches) {
+  for (RegionBatch& batch : *batches) {
+    for (size_t lane = 0; lane < batch.region.size(); lane++) {
+      FillLane(regions[batch.region[lane]], static_cast<int>(lane), &batch);
+    }
+  }
+}
 
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
   Mat3 F = GradientOf(region, x, region.gradient);

@@ -37,6 +37,7 @@
 #include "constants.h"
 #include "laws/laws.h"
 #include "linear.h"
+#include "shares.h"
 #include "simd.h"
 
 namespace mjframes {
@@ -45,6 +46,7 @@ namespace mjframes {
 struct Cell {
   double volume;              // V_q [m³]
   LawParameters material;     //
+  int factor;                 // which one its moduli follow
   std::vector<double> slope;  // E_q [1/m], row 3r + a for F_ra (9 × 3m)
 };
 
@@ -59,6 +61,7 @@ struct Region {
   int shows;                       // as many points, the first ones, show how it turns where F does not: its parents'
                                    // where it has a fallback, else all
   std::vector<double> stiffness;   // K_e [N/m]                               (3m × 3m)
+  Shares shares;                   // what each material has of it; none where there is one alone
   std::vector<int32_t> pair;       // pair of points of each block (j, k ≤ j) (m(m+1)/2)
   Law law;                         // of the cells
   std::vector<Cell> cells;         // none for the law `corotational`
@@ -91,6 +94,7 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R);
 // [h_j]× and N_j = (A Z)⁻¹ [h_j]×. Regions of about the same number of points are in one batch; where one has fewer
 // than the largest, points without stiffness fill it up. Every array has eight lanes an entry.
 struct RegionBatch {
+  std::vector<int> region;              // which of the body's, none for lanes at the end without one
   int size;                             // m, of the largest
   std::vector<int32_t> point;           // control points                                            (m)
   std::vector<double> present;          // 1, or 0 for points that fill up                           (m)
@@ -113,6 +117,9 @@ struct RegionBatch {
 
 // All regions, largest first; neighbours next to each other.
 std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions);
+
+// Gives batches the stiffness and the cells' materials of these regions, which they were made of; allocates nothing.
+void Refill(const std::vector<Region>& regions, std::vector<RegionBatch>* batches);
 
 // Scratch memory for the largest batch of a body; allocated once.
 struct BatchScratch {

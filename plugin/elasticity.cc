@@ -9,15 +9,47 @@ Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& 
       pairs_(pairs),
       batch_scratch_(model.batches),
       quadrature_scratch_(model.quadrature),
+      scaled_(model.factors, 1.0),
+      regions_(model.factors > 1 ? model.regions : std::vector<Region>()),
+      batches_(model.factors > 1 ? model.batches : std::vector<RegionBatch>()),
       stiffness_(9 * pairs.size()),
-      enlarged_(model.enlarges ? 9 * pairs.size() : 0) {}
+      enlarged_(model.enlarges ? 9 * pairs.size() : 0) {
+  size_t most = 0;
+  for (Region& region : regions_) {
+    region.shares = {};
+    most = std::max(most, region.stiffness.size());
+  }
+  rows_.resize(most);
+}
+
+void Elasticity::Scale(const std::vector<double>& factors) {
+  apart_ = std::any_of(factors.begin(), factors.end(), [&](double s) { return s != factors.front(); });
+  factor_ = apart_ ? 1 : factors.front();
+  if (!apart_) {  // only what is computed at quadrature points has no copy beside
+    if (model_.quadrature.empty() || std::count(scaled_.begin(), scaled_.end(), 1.0) == model_.factors) return;
+    std::fill(scaled_.begin(), scaled_.end(), 1.0);
+  } else {
+    if (factors == scaled_) return;
+    std::copy(factors.begin(), factors.end(), scaled_.begin());
+  }
+  quadrature_scratch_.Scale(model_.quadrature, scaled_);
+  for (size_t e = 0; e < regions_.size(); e++) {
+    const Region& built = model_.regions[e];
+    ScaleStiffness(built.stiffness, built.shares, scaled_, rows_.data(), &regions_[e].stiffness);
+    for (size_t q = 0; q < built.cells.size(); q++) {
+      regions_[e].cells[q].material = Scaled(built.cells[q].material, scaled_[built.cells[q].factor]);
+    }
+  }
+  Refill(regions_, &batches_);
+}
 
 void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force) {
   std::fill(force->begin(), force->end(), Vec3{});
   std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
   std::fill(enlarged_.begin(), enlarged_.end(), 0.0);
   double* K = stiffness ? stiffness_.data() : nullptr;
-  AddBatches(model_.batches, x, &batch_scratch_, force->data(), K, enlarged_.empty() ? nullptr : enlarged_.data());
+  AddBatches(apart_ ? batches_ : model_.batches, x, &batch_scratch_, force->data(), K,
+             enlarged_.empty() ? nullptr : enlarged_.data());
   AddQuadrature(model_.quadrature, x, &quadrature_scratch_, force->data(), K);
   if (!model_.quadrature.empty() && !enlarged_.empty()) {
     std::transform(stiffness_.begin(), stiffness_.end(), enlarged_.begin(),
@@ -53,12 +85,12 @@ void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict forc
 double Elasticity::Energy(const Vec3* x) {
   double energy = 0;
   Mat3 R = kIdentity;  // neighbouring regions turn alike, so each starts its rotation from the one before
-  for (const Region& region : model_.regions) {
+  for (const Region& region : apart_ ? regions_ : model_.regions) {
     R = RegionRotation(region, x, R);
     energy += RegionEnergy(region, x, R);
   }
-  for (const QuadratureRegion& region : model_.quadrature) {
-    energy += QuadratureEnergy(region, x, &quadrature_scratch_);
+  for (size_t e = 0; e < model_.quadrature.size(); e++) {
+    energy += QuadratureEnergy(model_.quadrature, e, x, &quadrature_scratch_);
   }
   return factor_ * energy;
 }

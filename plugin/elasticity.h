@@ -20,14 +20,16 @@ struct ElasticModel {
   std::vector<QuadratureRegion> quadrature;  // of another law at quadrature points
   double enlargement = 1;                    // of their stiffness where d->M has no room for all of it [-]
   bool enlarges = false;                     // whether d->M gets another stiffness than K
+  int factors = 1;                           // as many materials whose moduli can be scaled
 };
 
 class Elasticity {
  public:
   Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs);
 
-  // From now on f, K and W are `factor` times those of the model.
-  void Scale(double factor) { factor_ = factor; }
+  // From now on f, K and W are those of moduli that are so many times the model's, a factor a material. A common one is
+  // free; others cost something when they change.
+  void Scale(const std::vector<double>& factors);
 
   // Computes f and, if asked for, K. x: the control points [m].
   void Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force);
@@ -49,9 +51,14 @@ class Elasticity {
   const std::vector<PointPair>& pairs_;
   BatchScratch batch_scratch_;
   QuadratureScratch quadrature_scratch_;
-  double factor_ = 1;              // [-]
-  std::vector<double> stiffness_;  // K, 3×3 row-major block a pair
-  std::vector<double> enlarged_;   // empty where d->M has room for K
+  double factor_ = 1;                 // common to all materials [-]
+  bool apart_ = false;                // whether they have different ones
+  std::vector<double> scaled_;        // factors of the materials that the next three and the scratch memory have [-]
+  std::vector<Region> regions_;       // the model's, with these; none where there is one material
+  std::vector<RegionBatch> batches_;  //
+  std::vector<double> rows_;          // of a region, to scale its stiffness
+  std::vector<double> stiffness_;     // K, 3×3 row-major block a pair
+  std::vector<double> enlarged_;      // empty where d->M has room for K
 };
 
 }  // namespace mjframes

@@ -12,7 +12,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "3";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "4";  // of the attributes; a model written by another version is refused
 
 // The control points of each region, and the pairs that their blocks belong to.
 struct Coupling {
@@ -104,14 +104,22 @@ void AddFallback(const FrameGradients& frames, const std::vector<Vec3>& fallback
   }
 }
 
+// Which factor each material follows.  constants: how many the laws have of all of them.
+std::vector<int32_t> ReadFactors(size_t constants, int factors, Reader* reader) {
+  std::vector<int32_t> factor = reader->ArrayOr<int32_t>("law_factor", 0, constants / kLawConstants);
+  const bool known = std::all_of(factor.begin(), factor.end(), [=](int32_t i) { return i >= 0 && i < factors; });
+  return reader->Check(known, "a material has no factor") ? factor : std::vector<int32_t>(factor.size(), 0);
+}
+
 // The cells of a hyperelastic law, added to the regions.
-void ReadCells(Law law, std::vector<Region>* regions, Reader* reader) {
+void ReadCells(Law law, int factors, std::vector<Region>* regions, Reader* reader) {
   constexpr char kMismatch[] = "its cell arrays do not match each other";
   const auto constants = reader->Array<double>("law_constants");
   const auto count = reader->Array<int32_t>("cell_count");
   const auto volume = reader->Array<double>("cell_volume");
   const auto material = reader->Array<int32_t>("cell_material");
   const auto slope = reader->Array<double>("cell_slope");
+  const std::vector<int32_t> factor = ReadFactors(constants.size(), factors, reader);
   if (!reader->Check(count.size() == regions->size() && material.size() == volume.size(), kMismatch)) return;
   size_t first = 0, s = 0;
   for (size_t e = 0; e < count.size(); e++) {
@@ -124,18 +132,26 @@ void ReadCells(Law law, std::vector<Region>* regions, Reader* reader) {
       if (!reader->Check(material[first] >= 0 && at + kLawConstants <= constants.size(), "a cell has no material")) {
         return;
       }
-      region.cells.push_back(
-          {volume[first], ParametersOf(law, constants.data() + at), {slope.begin() + s, slope.begin() + s + length}});
+      region.cells.push_back({volume[first],
+                              ParametersOf(law, constants.data() + at),
+                              factor[material[first]],
+                              {slope.begin() + s, slope.begin() + s + length}});
     }
   }
 }
 
 // Of one frame each, or of the law `corotational`.
 std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const std::vector<ControlPoint>& points,
-                                Reader* reader) {
+                                int factors, Reader* reader) {
   const auto gradient = reader->Array<double>("region_gradient");
   const auto stiffness = reader->Array<double>("region_stiffness");
   const auto enlargement = reader->ArrayOr<double>("region_enlargement", 1, couplings.size());
+  std::vector<int32_t> own(couplings.size(), 0);
+  std::vector<double> share;
+  if (factors > 1) {
+    own = reader->ArrayOr<int32_t>("region_own", 0, couplings.size());
+    share = reader->Array<double>("region_share");
+  }
   std::vector<double> fallback;
   FrameGradients frames;
   if (reader->Has("region_fallback")) {
@@ -144,7 +160,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     reader->Check(fallback.size() == gradient.size(), "its region arrays do not match each other");
   }
   if (!reader->ok()) return {};
-  size_t p = 0, s = 0;
+  size_t p = 0, s = 0, t = 0;
   std::vector<Region> regions;
   for (const Coupling& coupling : couplings) {
     const int m = static_cast<int>(coupling.point.size());
@@ -172,6 +188,17 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
         region.stiffness[row * n + col] = region.stiffness[col * n + row] = stiffness[s++];
       }
     }
+    if (factors > 1) {
+      region.shares.own = 3 * std::clamp(own[regions.size()], 0, m);
+      const size_t size = (factors - 1) * ShareSize(static_cast<int>(n), region.shares.own);
+      if (!reader->Check(own[regions.size()] > 0 && own[regions.size()] <= m && t + size <= share.size(),
+                         "its shares of materials do not match its regions")) {
+        return {};
+      }
+      region.shares.rows.assign(share.begin() + t, share.begin() + t + size);
+      region.shares.rest = RestOf(region.stiffness, static_cast<int>(n), region.shares.own);
+      t += size;
+    }
     p += m;
     regions.push_back(std::move(region));
   }
@@ -179,12 +206,14 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
 }
 
 // The other laws, at quadrature points.
-std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& couplings, Law law, Reader* reader) {
+std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& couplings, Law law, int factors,
+                                             Reader* reader) {
   const auto constants = reader->Array<double>("law_constants");
   const auto count = reader->Array<int32_t>("quadrature_count");
   const auto volume = reader->Array<double>("quadrature_volume");
   const auto material = reader->Array<int32_t>("quadrature_material");
   const auto gradient = reader->Array<double>("quadrature_gradient");
+  const std::vector<int32_t> factor = ReadFactors(constants.size(), factors, reader);
   if (!reader->Check(
           count.size() == couplings.size() && material.size() == volume.size() && constants.size() % kLawConstants == 0,
           "its quadrature arrays do not match each other")) {
@@ -199,13 +228,15 @@ std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& coupli
       return {};
     }
     std::vector<LawParameters> parameters;
+    std::vector<int32_t> follows;
     for (size_t i = first; i < first + q; i++) {
       const size_t at = kLawConstants * static_cast<size_t>(std::max(material[i], 0));
       if (!reader->Check(material[i] >= 0 && at < constants.size(), "a quadrature point has no material")) return {};
       parameters.push_back(ParametersOf(law, constants.data() + at));
+      follows.push_back(factor[material[i]]);
     }
     regions.emplace_back(law, couplings[e].point, gradient.data() + g, volume.data() + first, parameters.data(),
-                         static_cast<int>(q), couplings[e].pair);
+                         static_cast<int>(q), couplings[e].pair, std::move(follows));
     first += q;
     g += length;
   }
@@ -331,14 +362,17 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok()) {
     model->alpha = reader->Number("alpha");
     model->beta = reader->Number("beta");
+    if (reader->Has("materials")) elastic.factors = std::max(1, static_cast<int>(reader->Number("materials")));
   }
   if (reader->ok()) model->kinematics.Create(m, instance, reader);
   std::vector<Coupling> couplings;
   if (reader->ok()) couplings = ReadCouplings(&model->kinematics, &model->mass_difference, reader);
   const bool at_points = law && !reader->Has("cell_count");
-  if (reader->ok() && at_points) elastic.quadrature = ReadQuadrature(couplings, *law, reader);
-  if (reader->ok() && !at_points) elastic.regions = ReadRegions(couplings, model->kinematics.points(), reader);
-  if (reader->ok() && law && !at_points) ReadCells(*law, &elastic.regions, reader);
+  if (reader->ok() && at_points) elastic.quadrature = ReadQuadrature(couplings, *law, elastic.factors, reader);
+  if (reader->ok() && !at_points) {
+    elastic.regions = ReadRegions(couplings, model->kinematics.points(), elastic.factors, reader);
+  }
+  if (reader->ok() && law && !at_points) ReadCells(*law, elastic.factors, &elastic.regions, reader);
   if (reader->ok()) AssignMass(model.get());
   if (reader->ok()) model->kinematics.Finish(m, reader);
   const std::vector<ControlPoint>& points = model->kinematics.points();

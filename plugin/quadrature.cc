@@ -162,8 +162,9 @@ void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* sc
 }  // namespace
 
 QuadratureRegion::QuadratureRegion(Law law, std::vector<int32_t> point, const double* gradient, const double* volume,
-                                   const LawParameters* material, int q, std::vector<int32_t> pair)
-    : law(law), quadrature_points(q), point(std::move(point)), pair(std::move(pair)) {
+                                   const LawParameters* material, int q, std::vector<int32_t> pair,
+                                   std::vector<int32_t> factor)
+    : law(law), quadrature_points(q), point(std::move(point)), pair(std::move(pair)), factor(std::move(factor)) {
   const int m = size(), padded = PadToLanes(m), points = PadToLanes(q);
   this->volume.assign(points, 0);
   std::copy_n(volume, q, this->volume.begin());
@@ -209,6 +210,14 @@ QuadratureScratch::QuadratureScratch(const std::vector<QuadratureRegion>& region
   products.resize(27 * entries);
 }
 
+void QuadratureScratch::Scale(const std::vector<QuadratureRegion>& regions, const std::vector<double>& factors) {
+  for (size_t e = 0; e < regions.size(); e++) {
+    for (int q = 0; q < regions[e].quadrature_points; q++) {
+      material[first[e] + q] = Scaled(regions[e].material[q], factors[regions[e].factor[q]]);
+    }
+  }
+}
+
 void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
                    double* stiffness) {
   if (regions.empty()) return;
@@ -235,15 +244,17 @@ void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, 
   }
 }
 
-double QuadratureEnergy(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {
+double QuadratureEnergy(const std::vector<QuadratureRegion>& regions, size_t e, const Vec3* x,
+                        QuadratureScratch* scratch) {
+  const QuadratureRegion& region = regions[e];
   Center(region, x, scratch);
   double energy = 0;
   for (int q = 0; q < region.quadrature_points; q += kLanes) {
     Lanes F[9];
     Gradient(region.by_point.data() + static_cast<size_t>(q) * 3 * region.size(), scratch->x.data(), region.size(), F);
     const Invariants<Lanes> is = InvariantsOf(F);
-    for (int lane = 0; lane < kLanes; lane++) {
-      const LawParameters& p = region.material[q + lane];
+    for (int lane = 0; lane < std::min(kLanes, region.quadrature_points - q); lane++) {
+      const LawParameters& p = scratch->material[scratch->first[e] + q + lane];
       energy += region.volume[q + lane] * EnergyDensity(region.law, p, is.i1[lane], is.i2[lane], is.j[lane]);
     }
   }

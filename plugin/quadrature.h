@@ -18,9 +18,10 @@ namespace mjframes {
 
 // One region: m control points, q quadrature points. Points are padded to multiples of four, which add nothing.
 struct QuadratureRegion {
-  // gradient: ∇W_j (q × m × 3) [1/m].  volume: (q) [m³].  material: (q).  pair: as in Region (corotational.h).
+  // gradient: ∇W_j (q × m × 3) [1/m].  volume: (q) [m³].  material: (q).  pair: as in Region (corotational.h).  factor:
+  // (q), which one each material's moduli follow.
   QuadratureRegion(Law law, std::vector<int32_t> point, const double* gradient, const double* volume,
-                   const LawParameters* material, int q, std::vector<int32_t> pair);
+                   const LawParameters* material, int q, std::vector<int32_t> pair, std::vector<int32_t> factor);
 
   Law law;
   int quadrature_points;                // q
@@ -30,6 +31,7 @@ struct QuadratureRegion {
   std::vector<double> volume;           // V_q [m³]                                              (q)
   std::vector<LawParameters> material;  //                                                       (q)
   std::vector<int32_t> pair;            // global pair of each block (j, k ≤ j), −1 for none     (m(m+1)/2)
+  std::vector<int32_t> factor;          // which one the material's moduli follow                (q)
 
   int size() const { return static_cast<int>(point.size()); }
 };
@@ -38,9 +40,13 @@ struct QuadratureRegion {
 // for the largest region; allocated once.
 struct QuadratureScratch {
   explicit QuadratureScratch(const std::vector<QuadratureRegion>& regions);
+
+  // Takes the regions' materials with these factors of their moduli.
+  void Scale(const std::vector<QuadratureRegion>& regions, const std::vector<double>& factors);
+
   std::vector<int> first;               // of each region's points
   std::vector<double> volume;           // V_q [m³]                                         (n)
-  std::vector<LawParameters> material;  //                                                  (n)
+  std::vector<LawParameters> material;  // with the factors of today                        (n)
   std::vector<double> gradient;         // F                                                (n/8 × 9 × 8)
   std::vector<double> stress;           // V_q P                                            (n/8 × 9 × 8)
   std::vector<double> hessian;          // V_q ∂P/∂F                                        (n/8 × 81 × 8)
@@ -62,8 +68,9 @@ struct PointState {
 void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
                    double* stiffness);
 
-// Σ_q V_q ψ [J], 0 at rest.
-double QuadratureEnergy(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch);
+// Σ_q V_q ψ of region `e` [J], 0 at rest.
+double QuadratureEnergy(const std::vector<QuadratureRegion>& regions, size_t e, const Vec3* x,
+                        QuadratureScratch* scratch);
 
 // The state of each quadrature point (q).
 void QuadratureStates(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch, PointState* states);

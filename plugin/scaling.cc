@@ -31,12 +31,19 @@ int FindSized(const mjModel* m, int instance, const char* key, int size, Reader*
 
 }  // namespace
 
-ScalingReader::ScalingReader(const mjModel* m, int instance, Reader* reader)
-    : stiffness_(FindSized(m, instance, "stiffness", 1, reader)),
-      damping_(FindSized(m, instance, "damping", 2, reader)) {}
+ScalingReader::ScalingReader(const mjModel* m, int instance, int materials, Reader* reader)
+    : stiffness_(FindSized(m, instance, "stiffness", materials, reader)),
+      damping_(FindSized(m, instance, "damping", 2, reader)) {
+  read_.stiffness.assign(materials, 1.0);
+}
 
-Scaling ScalingReader::Read(const mjModel* m) {
-  return {Checked(m, stiffness_, 0), Checked(m, damping_, 0), Checked(m, damping_, 1)};
+const Scaling& ScalingReader::Read(const mjModel* m) {
+  for (size_t i = 0; i < read_.stiffness.size(); i++) {
+    read_.stiffness[i] = Checked(m, stiffness_, static_cast<int>(i));
+  }
+  read_.alpha = Checked(m, damping_, 0);
+  read_.beta = Checked(m, damping_, 1);
+  return read_;
 }
 
 double ScalingReader::Checked(const mjModel* m, int numeric, int entry) {

@@ -15,6 +15,7 @@ constexpr const char* kAttributes[] = {
     "quantity",
     "region",     // of each point                                (n)
     "gradient",   // ∇W_j, region's control points, point by point [1/m]
+    "factor",     // which one its material follows; left out for one alone (n)
     "constants",  // λ, μ, 0 or those of the law, point by point  (n × 3)
     "slack",      // left out where it is zero                    (n × 9)
     "lift",       // left out where it is zero; 9 × 3m of each point [1/m]
@@ -103,6 +104,7 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
   const auto region = reader->Array<int32_t>("region");
   const auto gradient = reader->Array<double>("gradient");
   const auto constants = reader->Array<double>("constants");
+  const auto factor = reader->ArrayOr<int32_t>("factor", 0, region.size());
   const auto slack = reader->ArrayOr<double>("slack", 0, 9 * region.size());
   const auto lift = reader->ArrayOr<double>("lift", 0, 9 * gradient.size());
   constexpr char kMismatch[] = "its points are not those of the soft body: write the sensor again";
@@ -114,7 +116,7 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
   for (size_t n = 0; n < region.size(); n++) {
     const int32_t e = region[n];
     if (!reader->Check(e >= 0 && e < static_cast<int32_t>(size.size()), kMismatch)) return;
-    Sample sample = {e, {point.begin() + first[e], point.begin() + first[e + 1]}, {}, {}, {}, 0, 0};
+    Sample sample = {e, {point.begin() + first[e], point.begin() + first[e + 1]}, {}, {}, {}, 0, 0, factor[n]};
     const size_t end = g + 3 * sample.point.size();
     if (!reader->Check(end <= gradient.size() && 9 * end <= lift.size(), kMismatch)) return;
     if (!law) sample.lift.assign(lift.begin() + 9 * g, lift.begin() + 9 * end);
@@ -122,7 +124,7 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
     if (law) {
       const double volume = 1;
       const LawParameters parameters = ParametersOf(*law, own);
-      quadrature_.emplace_back(*law, sample.point, gradient.data() + g, &volume, &parameters, 1,
+      quadrature_.emplace_back(*law, sample.point, gradient.data() + g, &volume, &parameters, 1, std::vector<int32_t>(),
                                std::vector<int32_t>());
     }
     sample.lam = own[0];
@@ -187,9 +189,10 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
   if (quantity_ == kElasticEnergy) *out = body->ElasticEnergy();
   if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
   const Mat3 axes = body->kinematics().Axes(d);
-  const double factor = body->scaling().stiffness;
+  const std::vector<double>& factors = body->scaling().stiffness;
   for (size_t n = 0; n < samples_.size(); n++, out += kKinds[quantity_].size) {
     PointState state = StateOf(*body, n);
+    const double factor = factors[std::clamp<int>(samples_[n].factor, 0, static_cast<int>(factors.size()) - 1)];
     state.energy *= factor;
     for (double& stress : state.cauchy) stress *= factor;
     if (quantity_ == kEnergyDensity) *out = state.energy;

@@ -34,6 +34,7 @@ struct Sample {
   std::vector<double> lift;    // L, slopes of what the body moves beyond W_j [1/m], none for other laws  (9 × 3m)
   Mat3 slack;                  // I − Σ_j x̄_j ∇W_jᵀ, 0 where all frames can turn
   double lam, mu;              // of the corotational law [Pa]
+  int32_t factor;              // which one its material follows
 };
 
 class Sensor {

@@ -14,7 +14,7 @@ std::unique_ptr<SoftBody> SoftBody::Create(const mjModel* m, int instance) {
   Reader reader(m, instance);
   std::shared_ptr<const SoftModel> model = FindModel(m, instance, &reader);
   if (model) CheckRequirements(m, *model, &reader);
-  const ScalingReader scaling(m, instance, &reader);
+  const ScalingReader scaling(m, instance, model ? model->elastic.factors : 1, &reader);
   if (reader.ok()) return std::unique_ptr<SoftBody>(new SoftBody(m, instance, std::move(model), scaling));
   mju_warning("mjframes: soft body '%s': %s.", m->names + m->name_pluginadr[instance], reader.error().c_str());
   return nullptr;
@@ -63,8 +63,7 @@ void SoftBody::ScaleMass(const mjModel* m) {
 
 void SoftBody::Locate(const mjModel* m, const mjData* d) {
   ScaleMass(m);
-  scaling_ = scaling_reader_.Read(m);
-  elasticity_.Scale(scaling_.stiffness);
+  elasticity_.Scale(scaling_reader_.Read(m).stiffness);
   kinematics_.Gather(m, d);
 }
 
@@ -74,7 +73,7 @@ void SoftBody::AddElasticity(const mjData* d) {
 }
 
 void SoftBody::AddDamping(double h) {
-  const double beta = scaling_.beta * model_->beta, rate = model_->implicit ? h + beta : beta;
+  const double beta = scaling().beta * model_->beta, rate = model_->implicit ? h + beta : beta;
   const std::vector<Vec3>& v = kinematics_.v();
   // K is blind to a common velocity, but not to the last digit of a stiff K times a fast one
   Vec3 common{};
@@ -82,7 +81,7 @@ void SoftBody::AddDamping(double h) {
   for (size_t j = 0; j < v.size(); j++) moved_[j] = rate * (v[j] - common);
   elasticity_.SubtractProduct(moved_.data(), force_.data());
   if (model_->alpha == 0) return;
-  SubtractMass(mass_, scaling_.alpha * model_->alpha, v.data());
+  SubtractMass(mass_, scaling().alpha * model_->alpha, v.data());
 }
 
 // MuJoCo has it for the masses that it knows of.
@@ -102,7 +101,7 @@ void SoftBody::SubtractMass(const std::vector<double>& mass, double scale, const
 }
 
 void SoftBody::StoreInertia(const mjModel* m, mjData* d, bool consistent) {
-  const double h = m->opt.timestep, alpha = scaling_.alpha * model_->alpha, beta = scaling_.beta * model_->beta;
+  const double h = m->opt.timestep, alpha = scaling().alpha * model_->alpha, beta = scaling().beta * model_->beta;
   for (size_t i = 0; i < mass_.size(); i++) {
     added_mass_[i] = model_->implicit ? h * alpha * mass_[i] : 0;
     if (consistent) added_mass_[i] += mass_difference_[i];

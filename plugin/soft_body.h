@@ -39,7 +39,7 @@ class SoftBody {
 
   int instance() const { return instance_; }
   const SoftModel& model() const { return *model_; }
-  const Scaling& scaling() const { return scaling_; }
+  const Scaling& scaling() const { return scaling_reader_.latest(); }
   const Elasticity& elasticity() const { return elasticity_; }
   const Kinematics& kinematics() const { return kinematics_; }
   const SoftContact& contact() const { return contact_; }
@@ -58,7 +58,6 @@ class SoftBody {
   ScalingReader scaling_reader_;
 
   // of this step
-  Scaling scaling_;
   std::vector<Vec3> force_;                     // on the control points
   std::vector<Vec3> moved_;                     // rate times the velocities without their mean, see AddDamping [m]
   bool told_mass_ = false;                      // that a mass is not positive

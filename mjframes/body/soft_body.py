@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -16,11 +17,13 @@ from mjframes.base.errors import MjframesError
 from mjframes.base.packing import packed, restored
 from mjframes.body.fields import Fields
 from mjframes.elasticity.quadrature import Quadrature
+from mjframes.elasticity.shares import factor_of
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.distance_field import DistanceField
 from mjframes.volume.material import Material
+from mjframes.volume.volume import occurring
 from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.error import BodyError
 
@@ -117,6 +120,21 @@ class SoftBody:
     def materials(self) -> Mapping[int, Material]:
         """Return the materials by label."""
         return self.fields.volume.materials
+
+    @cached_property
+    def deformable(self) -> dict[int, str]:
+        """Return the names, by label, of the materials that deform and so have factors of their own, ascending.
+
+        A body that is rigid throughout has one factor, under the first of its labels.
+        """
+        present = {label: self.materials[label] for label in sorted(occurring(self.fields.volume.labels))}
+        found = {label: material.name for label, material in present.items() if not material.is_rigid}
+        return found or {label: present[label].name for label in list(present)[:1]}
+
+    @property
+    def factor_of(self) -> np.ndarray:
+        """Return (t,) which of these factors each material that the volume has follows, by label."""
+        return factor_of([self.materials[label] for label in sorted(occurring(self.fields.volume.labels))])
 
     @property
     def voxels(self) -> int:

@@ -15,7 +15,7 @@ Index letters: q deformation gradient; r, s its rows; a, b its columns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -57,6 +57,11 @@ class LawParameters:
         if self.law == "mooney_rivlin":
             return self.c10, self.c01, self.bulk
         return self.mu, self.segments, self.bulk
+
+    def scaled(self, factor: float) -> LawParameters:
+        """Return those of a material with `factor` times the moduli."""
+        moduli = {name: factor * getattr(self, name) for name in ("mu", "c10", "c01", "bulk")}
+        return replace(self, **moduli)
 
     @property
     def hooke(self) -> tuple[float, float]:

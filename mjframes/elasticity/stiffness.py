@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.base.threads import in_parallel
 from mjframes.elasticity.regions import Regions, members_of
+from mjframes.elasticity.shares import factor_of
 from mjframes.kinematics.control import ControlPoints, points_of
 from mjframes.kinematics.gradients import control_gradients
 from mjframes.kinematics.shape_functions import ShapeFunctions
@@ -35,6 +36,7 @@ class Stiffness:
     matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
     volume: (r,) [m³].
     fallback: (m, 3) ĝ_j that turn it where its frames disagree [1/m], 0 for regions without; empty where all are.
+    shares: (p, 3o, 3m) what each material but the last has of the rows of the last o points [N/m], see shares.py.
     """
 
     points: tuple[NDArray[np.int64], ...]
@@ -42,6 +44,7 @@ class Stiffness:
     matrix: tuple[NDArray[np.float64], ...] = field(metadata={"symmetric": True})
     volume: NDArray[np.float64]
     fallback: tuple[NDArray[np.float64], ...] = ()
+    shares: tuple[NDArray[np.float64], ...] = ()
 
     @property
     def spectrum(self) -> tuple[NDArray[np.float64], ...]:
@@ -57,7 +60,9 @@ def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree:
     voxels = members_of(regions.label, len(frames))
     points = [points_of(control, members)[0] for members in frames]
     gradients = [np.zeros(3 * len(some)) for some in points]
-    matrices = [np.zeros((3 * len(some), 3 * len(some))) for some in points]
+    factor = factor_of(grid.table)
+    count = int(factor.max()) + 1
+    matrices = [np.zeros((count, 3 * len(some), 3 * len(some))) for some in points]  # by material
     young, lam, mu = (grid.per_material(name) for name in ("young", "lam", "mu"))
     moduli = np.zeros(len(frames))  # Σ_v E
 
@@ -71,7 +76,7 @@ def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree:
             material = grid.material[some[0]]
             gradients[e] += young[material] * gradient
             moduli[e] += young[material] * len(some)
-            matrices[e] += _hooke(
+            matrices[e][factor[material]] += _hooke(
                 float(lam[material]) * grid.cell_volume, float(mu[material]) * grid.cell_volume, product
             )
     volume = np.array([len(some) for some in voxels]) * grid.cell_volume
@@ -79,7 +84,9 @@ def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree:
         shows_rotations((g / total).reshape(-1, 3), control.rest[some])
         for g, total, some in zip(gradients, moduli, points, strict=True)
     ]
-    return Stiffness(tuple(points), tuple(mean), tuple(map(blind_to_translations, matrices)), volume)
+    matrices = [np.array([blind_to_translations(of_one) for of_one in some]) for some in matrices]
+    total = tuple(np.asarray(some.sum(axis=0)) for some in matrices)
+    return Stiffness(tuple(points), tuple(mean), total, volume, shares=tuple(some[:-1] for some in matrices))
 
 
 def shows_rotations(gradient: NDArray[np.float64], rest: NDArray[np.float64]) -> NDArray[np.float64]:

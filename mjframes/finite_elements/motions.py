@@ -36,6 +36,8 @@ class Motions:
     energy: (6h, 6h) uᵀAu of each two columns, positive semidefinite, 0 for motions of all pieces as one rigid body.
     moved: (r, 3, 6h) float32, displacement of the voxels' centres, or its mean over each block of voxels.
     moments: (3m, 6h) BᵀU, the sums of the nodes' displacements, in rows as those of `Response.compliance`.
+    fields: (3N, q) displacements of the nodes by what moves the pieces relatively, and change: (q, 6h) how much of them
+    each column has; the rest of a column is rigid.
     """
 
     center: Array
@@ -43,6 +45,8 @@ class Motions:
     energy: Array
     moved: NDArray[np.float32]
     moments: Array
+    fields: Array
+    change: Array
 
 
 def motions(
@@ -84,7 +88,7 @@ def motions(
     moments = (functions.T @ followed.reshape(len(nodes), -1)).reshape(-1, moved.shape[2])
     if blocks is not None:
         moved = (averages(blocks) @ moved.reshape(len(places), -1)).reshape(-1, *moved.shape[1:])
-    return Motions(center, scale, (energy + energy.T) / 2, moved.astype(np.float32), moments)
+    return Motions(center, scale, (energy + energy.T) / 2, moved.astype(np.float32), moments, fields, change)
 
 
 def _motion(points: Array, center: Array, scale: float) -> Array:

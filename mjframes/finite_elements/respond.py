@@ -6,13 +6,14 @@
    sum of the cycles before would be more rounding than sum.
 3. Galerkin's method in the span of all of X: with G = XᵀAX and Y = XᵀB the displacements are C X G⁻¹Y, and
    S = YᵀG⁻¹Y. So S is positive semidefinite and at most the exact one, and its error is but the square of X's.
+4. What each material has of the energy: with A_m of its bricks alone, uᵀA_m v of the displacements u, v of two forces.
 
 X is kept in single precision, but AX is made of the X before it was rounded: it is as smooth as the forces are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,7 @@ from mjframes.finite_elements.batch import (
     reporter,
 )
 from mjframes.finite_elements.cycle import precondition
-from mjframes.finite_elements.matrices import Floats
+from mjframes.finite_elements.matrices import Bricks, Floats
 from mjframes.finite_elements.solver import BodySolver
 
 TOLERANCE = 0.07  # [-] of X in the energy norm: S is then right to about 1 % in its worst mode
@@ -49,6 +50,7 @@ class Response:
 
     compliance: (3m, 3m) S [m/N], symmetric positive semidefinite.
     moved: (r, 3, 3m) float32 [m/N], displacement of the voxels' centres, or its mean over each block of voxels.
+    shares: (p, 3m + q, 3m + q) uᵀA_m v of all columns and q more fields of displacement, of each group of materials.
 
     Column 3b + d is the force functions[:, b] [N] along axis d. Of a free body only combinations of columns that
     balance have a meaning; their displacements have no mean translation and no mean rotation of the nodes.
@@ -56,6 +58,7 @@ class Response:
 
     compliance: Array
     moved: NDArray[np.float32]
+    shares: Array
 
 
 def respond(
@@ -64,11 +67,15 @@ def respond(
     blocks: NDArray[np.integer] | None = None,
     progress: Progress = lambda done, of: None,
     tolerance: float = TOLERANCE,
+    groups: Sequence[NDArray[np.bool_]] = (),
+    others: Array | None = None,
 ) -> Response:
     """Return the response to forces `functions` (N, m) on the nodes, along each axis.
 
     blocks: (n,) the block of each voxel, numbered from 0 on, for the means of displacements.  progress: is called with
     the batches done and how many there are.  tolerance: see `conjugate`.
+    groups: p times which (t,) of the grid's materials have a share.  others: (3N, q) the fields besides, none unless
+    given.
     Raise MjframesError where conjugate gradients do not converge.
     """
     k = solver.levels.columns
@@ -81,7 +88,9 @@ def respond(
         x, energies, work = _solve(solver, forces, combinations, tolerance, report)
         weights = _pseudo_inverse(energies) @ work.T
         compliance = work @ weights / solver.levels.unit
-        return Response((compliance + compliance.T) / 2, _moved(centre, x, weights / solver.levels.unit, k))
+        moved = _moved(centre, x, weights / solver.levels.unit, k)
+        shares = _shares(solver, x, weights / solver.levels.unit, groups, others)
+        return Response((compliance + compliance.T) / 2, moved, shares)
 
 
 def _batches(columns: int, k: int) -> int:
@@ -163,6 +172,38 @@ def _solve(
             pass
         done += len(some)
     return x, (energies + energies.T)[:columns, :columns] / 2, work[:, :columns]
+
+
+def _shares(
+    solver: BodySolver, x: list[Floats], weights: Array, groups: Sequence[NDArray[np.bool_]], others: Array | None
+) -> Array:
+    """uᵀA_m v of the fields X weights (c, 3m) and others (3N, q), of each group of materials."""
+    levels, k, columns = solver.levels, solver.levels.columns, len(weights)
+    rest = np.zeros((3 * levels.nodes, 0)) if others is None else others
+    fields = [*x, *(_batch(rest, number, k).astype(np.float32).ravel() for number in range(_batches(rest.shape[1], k)))]
+    used = np.r_[:columns, len(x) * k : len(x) * k + rest.shape[1]]
+    combine = np.zeros((columns + rest.shape[1], weights.shape[1] + rest.shape[1]))
+    combine[:columns, : weights.shape[1]] = weights
+    combine[columns:, weights.shape[1] :] = np.eye(rest.shape[1])
+    found = np.zeros((len(groups), combine.shape[1], combine.shape[1]))
+    for m, group in enumerate(groups):
+        bricks = levels.finest._replace(coefficients=levels.finest.coefficients * group[:, None].astype(levels.dtype))
+        energies = np.zeros((len(fields) * k,) * 2)
+
+        def pair(batch: Batch, number: int, bricks: Bricks = bricks, energies: Array = energies) -> None:
+            batch.solution[:] = fields[number]
+            batch.residual[:] = 0
+            bricks.subtract(batch.solution, batch.residual, batch.scratch[0], batch.lanes)
+            here = slice(number * k, (number + 1) * k)
+            for other in range(number + 1):
+                there = slice(other * k, (other + 1) * k)
+                energies[there, here] = -fields[other].reshape(-1, k).T @ batch.residual.reshape(-1, k)
+                energies[here, there] = energies[there, here].T
+
+        for _ in in_rounds(levels, len(fields), pair, lambda: None):
+            pass
+        found[m] = combine.T @ energies[np.ix_(used, used)] @ combine * levels.unit
+    return (found + found.transpose(0, 2, 1)) / 2
 
 
 def _pseudo_inverse(matrix: Array) -> Array:

@@ -25,6 +25,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity import laws
 from mjframes.elasticity.corotational import CorotationalRegion
 from mjframes.elasticity.hyperelastic import HyperelasticRegion
+from mjframes.elasticity.shares import factor_of
 from mjframes.elasticity.stiffness import shows_rotations
 from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.interpolation import closest_voxels, voxel_shares
@@ -92,6 +93,7 @@ class MaterialPoints:
     groups: them all, by region.
     law: of the elasticity.
     constants: (n, 3) of it there, Lamé's (λ, μ, 0) [Pa] for the corotational one.
+    factor: (n,) which one of `SoftBody.deformable` the material there follows.
     """
 
     weights: sparse.csr_array
@@ -99,6 +101,7 @@ class MaterialPoints:
     groups: tuple[Group, ...]
     law: str
     constants: Array
+    factor: NDArray[np.int64]
 
     def positions(self, regions: Sequence[Region], x: Array) -> Array:
         """Return x(p̄) (n, 3) [m] with the control points at x (k, 3) [m].  regions: those of the soft body."""
@@ -196,7 +199,9 @@ def material_points(body: SoftBody, rest: Array, points: ArrayLike) -> MaterialP
         for e in np.unique(region)
         for rows in [np.flatnonzero(region == e)]
     )
-    return MaterialPoints(weights, at - weights @ rest, groups, body.law, table[grid.material[nearest]])
+    material = grid.material[nearest]
+    factor = factor_of(grid.table)[material]
+    return MaterialPoints(weights, at - weights @ rest, groups, body.law, table[material], factor)
 
 
 def _group(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mjframes.base.choices import COROTATIONAL
 from mjframes.base.constants import FORMAT_VERSION
 from mjframes.base.packing import lower_triangle
 from mjframes.body.soft_body import SoftBody
@@ -37,7 +38,11 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "frame_size",
     "frame_gradient",
     "region_stiffness",
+    "materials",
+    "region_own",
+    "region_share",
     "law_constants",
+    "law_factor",
     "quadrature_count",
     "quadrature_volume",
     "quadrature_material",
@@ -106,6 +111,8 @@ def configuration(
     values |= _hyperelastic(body, body.quadrature, rest) if body.quadrature else _corotational(body, rest)
     if body.cells:
         values |= _cells(body, body.cells)
+    if len(body.deformable) > 1:
+        values |= _materials(body)
     if offset.any():
         values["point_offset"] = encode(offset)
     if branch.any():
@@ -141,6 +148,35 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
         "frame_size": encode(np.bincount(frame)),
         "frame_gradient": encode(frame_gradients(rest, frame)),
     }
+
+
+def _materials(body: SoftBody) -> dict[str, str]:
+    """What each material has of the stiffness."""
+    values = {"materials": str(len(body.deformable))}
+    if body.law != COROTATIONAL:
+        values["law_factor"] = encode(body.factor_of)
+    if body.quadrature:
+        return values
+    shares = body.cells.shares if body.cells else body.stiffness.shares
+    return values | {
+        "region_own": encode([some.shape[1] // 3 for some in shares]),
+        "region_share": encode(np.concatenate([lower_rows(some) for some in shares])),
+    }
+
+
+def lower_rows(rows: np.ndarray) -> np.ndarray:
+    """Return the last rows (p, o, n) of p symmetric matrices (n, n), each up to the diagonal, end to end."""
+    own, n = rows.shape[1:]
+    return rows[:, np.tri(own, n, n - own, dtype=bool)].ravel()
+
+
+def rows_of(lower: np.ndarray, count: int, own: int, n: int) -> np.ndarray:
+    """Return the rows (count, own, n) of what `lower_rows` returned."""
+    rows = np.zeros((count, own, n))
+    rows[:, np.tri(own, n, n - own, dtype=bool)] = lower.reshape(count, -1)
+    square = rows[:, :, n - own :]
+    square += np.tril(square, -1).transpose(0, 2, 1)
+    return rows
 
 
 def _cells(body: SoftBody, cells: Cells) -> dict[str, str]:

@@ -1,91 +1,219 @@
 """How stiff and how damped a soft body is in one model, to what it was built with, without building it again.
 
-Two numerics of the model say it, `steak:stiffness` with a factor of all moduli, and `steak:damping` with those of
-Rayleigh's α and β. The plugin reads `numeric_data` in every step, so that whatever gives each world a model of its own,
-or a `numeric_data` of its own, gives it a material of its own. A body's forces and stiffness are homogeneous of degree
-one in its moduli together: a common factor is exact, for every law.
+Two numerics of the model say it, `steak:stiffness` with a factor of the moduli of each material that deforms, in the
+order of their labels, which the text `steak:materials` names, and `steak:damping` with those of Rayleigh's α and β. The
+plugin reads `numeric_data` in every step, so that whatever gives each world a model of its own, or a `numeric_data` of
+its own, gives it a material of its own. A body's forces and stiffness are homogeneous of degree one in its moduli
+together: a common factor is exact, for every law; others are exact to first order (elasticity/shares.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Protocol
+from urllib.parse import quote, unquote
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.scene.plugin_text import SEPARATOR
-from mjframes.volume.material import is_number
 
-STIFFNESS, DAMPING = "stiffness", "damping"
-SIZES = {STIFFNESS: 1, DAMPING: 2}  # entries of each numeric
+STIFFNESS, DAMPING, MATERIALS = "stiffness", "damping", "materials"
+BETWEEN, NAMED = ", ", "="  # in the text that names the materials
+
+
+class Batch(Protocol):
+    """What is used of a `mujoco.batch.Batch`."""
+
+    model: mujoco.MjModel
+
+    def expand(self, name: str, /) -> NDArray[Any]:
+        """Return the values (nsim, …) of a model's field."""
+        ...
+
+
+Factor = ArrayLike
 
 
 def scale(
-    model: mujoco.MjModel, name: str, stiffness: float | None = None, *, damping: Sequence[float] | None = None
+    model: mujoco.MjModel | Batch,
+    name: str,
+    stiffness: Factor | Mapping[int | str, Factor] | None = None,
+    *,
+    damping: ArrayLike | None = None,
+    worlds: ArrayLike | None = None,
+    **materials: Factor,
 ) -> None:
     """Make soft body `name` of a compiled model as many times as stiff, or as damped, as it was built, from now on.
 
-    stiffness: factor of the moduli of all its materials [-].  damping: factors of α and β of `build` [-].
+    model: or a `mujoco.batch.Batch`, all of whose worlds or some `worlds`, by number, are changed; a factor is then one
+    number for them all or one for each.
+    stiffness: factor of the moduli of all materials [-], or a mapping from materials' labels or names to factors.
+    materials: the factor of the material with that name. Materials that are not named have the common factor, or 1.
+    damping: factors of α and β of `build` [-], (2,) or (worlds, 2).
     What is not given stays as it is. Factors do not add up: 1 is what was built, whatever was asked for before.
-    Raise MjframesError where the model has no such soft body, and for factors that are not positive and finite.
+    Raise MjframesError where the model has no such soft body, for materials that it has not or has several of that name,
+    and for factors that are not positive and finite.
     """
-    if stiffness is not None and not _is_factor(stiffness):
-        raise MjframesError(f"stiffness is {stiffness!r}; give a positive factor of the moduli that the body has.")
-    if damping is not None and not (np.shape(damping) == (2,) and all(map(_is_factor, damping))):
-        raise MjframesError(f"damping is {damping!r}; give two positive factors, of α and of β.")
-    given = {STIFFNESS: stiffness, DAMPING: damping}
-    found = {key: _entries(model, name, key) for key in given}
+    compiled = model if isinstance(model, mujoco.MjModel) else getattr(model, "model", None)
+    if not isinstance(compiled, mujoco.MjModel):
+        raise MjframesError(f"model is a {type(model).__name__}; give a compiled MjModel or a mujoco.batch.Batch.")
+    found = {key: _entries(compiled, name, key) for key in (STIFFNESS, DAMPING)}
     if None in found.values():
-        known = ", ".join(map(repr, _known(model))) or "none"
+        known = ", ".join(map(repr, _known(compiled))) or "none"
         raise MjframesError(f"name is {name!r} but the soft bodies that the model can scale are: {known}.")
-    for key, entries in found.items():
-        if given[key] is not None:
-            model.numeric_data[entries] = given[key]
+    data = _worlds(model, worlds)
+    given: dict[str, NDArray[np.float64]] = {}
+    if stiffness is not None or materials:
+        given[STIFFNESS] = _factors(compiled, name, stiffness, materials, data.shape[:-1])
+    if damping is not None:
+        given[DAMPING] = _damping(damping, data.shape[:-1])
+    for key, values in given.items():
+        data[..., found[key]] = values
+    _put(model, worlds, data)
 
 
-def add_scaling(spec: mujoco.MjSpec, name: str) -> None:
-    """Give soft body `name` of a spec its numerics, all of them 1."""
-    for key, size in SIZES.items():
-        spec.add_numeric(name=_numeric(name, key), size=size, data=np.ones(size))
+def materials(model: mujoco.MjModel, name: str) -> dict[int, str]:
+    """Return the names, by label, of the materials whose factors `name`:stiffness has, in their order."""
+    for text, names in _named(model, mujoco.mjtObj.mjOBJ_TEXT, MATERIALS):
+        if name in names:
+            data = model.text_data[model.text_adr[text] :].split(b"\0", 1)[0].decode()
+            parts = [some.partition(NAMED) for some in data.split(BETWEEN)]
+            return {int(label): unquote(called) for label, _, called in parts}
+    return {}
 
 
-def stiffness(model: mujoco.MjModel, name: str) -> float:
-    """Return the factor of the moduli of soft body `name` as the plugin takes it: 1 for what is no positive factor."""
+def add_scaling(spec: mujoco.MjSpec, name: str, deformable: Mapping[int, str]) -> None:
+    """Give soft body `name` of a spec its numerics, all of them 1, and the names of its deformable materials."""
+    for key, size in ((STIFFNESS, len(deformable)), (DAMPING, 2)):
+        spec.add_numeric(name=_own(name, key), size=size, data=np.ones(size))
+    parts = [f"{label}{NAMED}{quote(called, safe=' ')}" for label, called in deformable.items()]
+    spec.add_text(name=_own(name, MATERIALS), data=BETWEEN.join(parts))
+
+
+def stiffness(model: mujoco.MjModel, name: str, count: int) -> NDArray[np.float64]:
+    """Return the factors (count,) of the moduli as the plugin takes them: 1 for what is no positive factor."""
     entries = _entries(model, name, STIFFNESS)
-    value = 1.0 if entries is None else float(model.numeric_data[entries][0])
-    return value if _is_factor(value) else 1.0
+    values = np.ones(count) if entries is None else np.array(model.numeric_data[entries])
+    return np.where(_are_factors(values), values, 1.0)
 
 
-def _is_factor(value: Any) -> bool:
-    return is_number(value) and value > 0
+def _factors(
+    model: mujoco.MjModel,
+    name: str,
+    given: Any,
+    named: Mapping[str, Any],
+    worlds: tuple[int, ...],
+) -> NDArray[np.float64]:
+    """(…, M) of each world and material."""
+    known = materials(model, name)
+    entries = _entries(model, name, STIFFNESS)
+    assert entries is not None
+    values = np.ones((*worlds, entries.stop - entries.start))
+    if given is not None and not isinstance(given, Mapping):
+        values[:] = _checked("stiffness", given, worlds)[..., None]
+    for key, factor in [*(given.items() if isinstance(given, Mapping) else ()), *named.items()]:
+        values[..., _place(name, known, key)] = _checked(f"the factor of material {key!r}", factor, worlds)
+    return values
 
 
-def _numeric(name: str, key: str) -> str:
+def _place(name: str, known: Mapping[int, str], key: Any) -> int:
+    """Which factor a label or a name means."""
+    places = [i for i, (label, called) in enumerate(known.items()) if called == key or label == key]
+    if len(places) == 1 and not isinstance(key, bool):
+        return places[0]
+    which = ", ".join(f"{label} ({called!r})" for label, called in known.items())
+    wrong = "is the name of several materials; give their labels" if len(places) > 1 else "is no material that deforms"
+    raise MjframesError(f"{key!r} {wrong}: {name!r} has {which}.")
+
+
+def _checked(what: str, value: Any, worlds: tuple[int, ...]) -> NDArray[np.float64]:
+    """One factor, or one for each world, for all of them. Raise MjframesError for other values."""
+    array = np.asarray(value)
+    if array.shape not in ((), worlds) or not _are_factors(array).all():
+        each = f", or {worlds[0]} of them, one a world" if worlds else ""
+        raise MjframesError(f"{what} is {_short(value)}; give a positive factor of the moduli that the body has{each}.")
+    return np.broadcast_to(array.astype(np.float64), worlds)
+
+
+def _damping(value: Any, worlds: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.asarray(value)
+    if array.shape not in ((2,), (*worlds, 2)) or not _are_factors(array).all():
+        each = f", or {worlds[0]} times two, one pair a world" if worlds else ""
+        raise MjframesError(f"damping is {_short(value)}; give two positive factors, of α and of β{each}.")
+    return np.broadcast_to(array.astype(np.float64), (*worlds, 2))
+
+
+def _short(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def _are_factors(values: NDArray[Any]) -> NDArray[np.bool_]:
+    if values.dtype.kind not in "iuf":
+        return np.zeros(values.shape, bool)
+    return np.isfinite(values) & (values > 0)
+
+
+def _worlds(model: Any, worlds: ArrayLike | None) -> NDArray[np.float64]:
+    """(…, n) a copy of the numeric data, of the worlds of a batch that are asked for."""
+    if isinstance(model, mujoco.MjModel):
+        if worlds is not None:
+            raise MjframesError("worlds is given, but the model is that of one; give a mujoco.batch.Batch.")
+        return model.numeric_data.copy()
+    every = _expanded(model)
+    if worlds is None:
+        return every.copy()
+    numbers = np.asarray(worlds)
+    if numbers.dtype.kind not in "iu" or numbers.ndim > 1 or not ((numbers >= 0) & (numbers < len(every))).all():
+        raise MjframesError(f"worlds is {_short(worlds)}; give numbers of worlds from 0 to {len(every) - 1}.")
+    return every[numbers].copy()
+
+
+def _put(model: Any, worlds: ArrayLike | None, data: NDArray[np.float64]) -> None:
+    if isinstance(model, mujoco.MjModel):
+        model.numeric_data[:] = data
+    elif worlds is None:
+        _expanded(model)[:] = data
+    else:
+        _expanded(model)[np.asarray(worlds)] = data
+
+
+def _expanded(batch: Batch) -> NDArray[Any]:
+    """The live `numeric_data` (nsim, n) of a batch's worlds."""
+    try:
+        return batch.expand("numeric_data")
+    except (ValueError, mujoco.FatalError) as error:
+        raise MjframesError(f"the batch cannot have a material a world ({error}); scale its own models.") from error
+
+
+def _own(name: str, key: str) -> str:
     return f"{name}{SEPARATOR}{key}"
 
 
 def _entries(model: mujoco.MjModel, name: str, key: str) -> slice | None:
     """Where `numeric_data` has the factors, None for models that were written without."""
-    for numeric, names in _numerics(model, key):
-        if name in names and model.numeric_size[numeric] == SIZES[key]:
+    for numeric, names in _named(model, mujoco.mjtObj.mjOBJ_NUMERIC, key):
+        if name in names:
             start = int(model.numeric_adr[numeric])
-            return slice(start, start + SIZES[key])
+            return slice(start, start + int(model.numeric_size[numeric]))
     return None
 
 
 def _known(model: mujoco.MjModel) -> list[str]:
     """Return the names of the soft bodies that have numerics."""
-    return [names[0] for _, names in _numerics(model, STIFFNESS)]
+    return [names[0] for _, names in _named(model, mujoco.mjtObj.mjOBJ_NUMERIC, STIFFNESS)]
 
 
-def _numerics(model: mujoco.MjModel, key: str) -> Iterator[tuple[int, tuple[str, str]]]:
-    """Yield the numerics for a key, and what their soft bodies may be called.
+def _named(model: mujoco.MjModel, kind: mujoco.mjtObj, key: str) -> Iterator[tuple[int, tuple[str, str]]]:
+    """Yield the numerics or texts for a key, and what their soft bodies may be called.
 
     MuJoCo puts suffixes behind the names of both, and behind the separator that names of one letter have.
     """
-    for i in range(model.nnumeric):
-        before, found, behind = model.numeric(i).name.rpartition(_numeric("", key))
+    count = model.nnumeric if kind == mujoco.mjtObj.mjOBJ_NUMERIC else model.ntext
+    for i in range(count):
+        before, found, behind = (mujoco.mj_id2name(model, kind, i) or "").rpartition(_own("", key))
         if found:
             yield i, (before + behind, before + SEPARATOR + behind)

@@ -83,6 +83,8 @@ def _samples(at: MaterialPoints) -> dict[str, str]:
         "gradient": encode(np.concatenate(gradient)),
         "constants": encode(at.constants),
     }
+    if at.factor.any():
+        config["factor"] = encode(at.factor)
     if np.abs(slack).max() > SLACK:
         config["slack"] = encode(slack)
     if any(some.any() for some in lift):

@@ -4,7 +4,7 @@ material points and frames, from the `SoftBody`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import mujoco
@@ -17,10 +17,11 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.corotational import CorotationalRegion, Fallback, LawCell
 from mjframes.elasticity.hyperelastic import HyperelasticRegion
 from mjframes.elasticity.laws import LawParameters, law_of_constants
+from mjframes.elasticity.shares import scaled
 from mjframes.scene import forces, scaling
 from mjframes.scene.identity import asset_key, recall
 from mjframes.scene.material_points import MaterialPoints, material_points
-from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, soft_name
+from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, rows_of, soft_name
 
 SAME_MASS = 1e-4  # [-] as in plugin/soft_body.cc: the model's masses have six digits
 
@@ -46,6 +47,7 @@ class Soft:
     configuration: dict[str, str]
     given: SoftBody | None = None
     _of_points: dict[bytes, MaterialPoints] = field(default_factory=dict)
+    _of_factors: dict[bytes, list[CorotationalRegion] | list[HyperelasticRegion]] = field(default_factory=dict)
 
     @cached_property
     def rest(self) -> np.ndarray:
@@ -58,10 +60,11 @@ class Soft:
         if "quadrature_count" not in self.configuration:
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
-            parts = zip(self._points, gradients, matrices, self._fallbacks, self._cells, strict=True)
+            cells = self._cells_of(self._laws if "law_constants" in self.configuration else ())
+            parts = zip(self._points, gradients, matrices, self._fallbacks, cells, strict=True)
             return [
-                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback, cells)
-                for points, gradient, matrix, fallback, cells in parts
+                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback, own)
+                for points, gradient, matrix, fallback, own in parts
             ]
         laws = self._laws
         count = decode(self.configuration["quadrature_count"]).astype(int)
@@ -75,18 +78,50 @@ class Soft:
             for points, gradient, volume, material in zip(self._points, gradients, volumes, materials, strict=True)
         ]
 
+    def _scaled_regions(self, factors: np.ndarray) -> list[CorotationalRegion] | list[HyperelasticRegion]:
+        """With factors (M,) of the materials' moduli."""
+        laws = ()
+        if "law_constants" in self.configuration:
+            follows = self._array("law_factor", len(self._laws)).astype(int)
+            laws = tuple(law.scaled(float(factors[i])) for law, i in zip(self._laws, follows, strict=True))
+        if "quadrature_count" in self.configuration:
+            return [replace(region, laws=laws) for region in self.regions if isinstance(region, HyperelasticRegion)]
+        return [
+            replace(region, stiffness=scaled(region.stiffness, shares, factors), cells=cells)
+            for region, shares, cells in zip(self.regions, self._shares, self._cells_of(laws), strict=True)
+            if isinstance(region, CorotationalRegion)
+        ]
+
+    @cached_property
+    def _shares(self) -> list[np.ndarray]:
+        """(M − 1, 3o, 3m) of each region, see elasticity/shares.py."""
+        count = int(self.configuration["materials"]) - 1
+        own, width = 3 * decode(self.configuration["region_own"]).astype(int), 3 * self._sizes
+        ends = np.cumsum(count * own * (2 * width - own + 1) // 2)[:-1]
+        parts = np.split(decode(self.configuration["region_share"]), ends)
+        return [rows_of(part, count, int(o), int(n)) for part, o, n in zip(parts, own, width, strict=True)]
+
+    @property
+    def _elastic(self) -> tuple[float, list[CorotationalRegion] | list[HyperelasticRegion]]:
+        """What energies and forces of which regions are to be multiplied by: as the step works with."""
+        factors = self._factors
+        if (factors == factors[0]).all():
+            return float(factors[0]), self.regions
+        if factors.tobytes() not in self._of_factors:
+            self._of_factors.clear()
+            self._of_factors[factors.tobytes()] = self._scaled_regions(factors)
+        return 1.0, self._of_factors[factors.tobytes()]
+
     @property
     def _laws(self) -> tuple[LawParameters, ...]:
         """Of each material."""
         constants = decode(self.configuration["law_constants"]).reshape(-1, 3)
         return tuple(law_of_constants(self.configuration["law"], some) for some in constants.tolist())
 
-    @property
-    def _cells(self) -> list[tuple[LawCell, ...]]:
-        """Of each region."""
+    def _cells_of(self, laws: tuple[LawParameters, ...]) -> list[tuple[LawCell, ...]]:
+        """Of each region.  laws: of each material."""
         if "cell_count" not in self.configuration:
             return [()] * len(self._sizes)
-        laws = self._laws
         count = decode(self.configuration["cell_count"]).astype(int)
         ends = np.cumsum(count)[:-1]
         volumes, materials = (np.split(decode(self.configuration[f"cell_{s}"]), ends) for s in ("volume", "material"))
@@ -185,7 +220,8 @@ class Soft:
     def elastic_energy(self) -> float:
         """Return the elastic energy [J]."""
         x = self.control_positions
-        return self._factor * sum(region.energy(x[region.points]) for region in self.regions)
+        factor, regions = self._elastic
+        return factor * sum(region.energy(x[region.points]) for region in regions)
 
     @property
     def kinetic_energy(self) -> float:
@@ -223,9 +259,10 @@ class Soft:
     def elastic_forces(self) -> np.ndarray:
         """Return the elastic forces (k, 3) on the control points, in the world [N]."""
         x, forces = self.control_positions, np.zeros((len(self.bodies), 3))
-        for region in self.regions:
+        factor, regions = self._elastic
+        for region in regions:
             forces[region.points] += region.response(x[region.points])[0]
-        return self._factor * forces
+        return factor * forces
 
     def positions(self, points: ArrayLike) -> np.ndarray:
         """Return the positions (n, 3) of material points, in the world [m]."""
@@ -274,17 +311,24 @@ class Soft:
 
         Elastic stress, without damping.
         """
-        stress = self._factor * self._at(points).response(self.regions, self._local)[0]
+        some = self._at(points)
+        stress = self._factors[some.factor, None, None] * some.response(self.regions, self._local)[0]
         return self._axes @ stress @ self._axes.T
 
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
         """Return the strain energy per volume at rest (n,) at material points [J/m³]."""
-        return self._factor * self._at(points).response(self.regions, self._local)[1]
+        some = self._at(points)
+        return self._factors[some.factor] * some.response(self.regions, self._local)[1]
 
     @property
-    def _factor(self) -> float:
-        """Of the stiffness that `regions` have, in this model [-]."""
-        return scaling.stiffness(self.model, self.name)
+    def materials(self) -> dict[int, str]:
+        """Return the names, by label, of the materials that deform, in the order of the numeric `steak:stiffness`."""
+        return scaling.materials(self.model, self.name)
+
+    @property
+    def _factors(self) -> np.ndarray:
+        """(M,) of the moduli that `regions` have, in this model [-]."""
+        return scaling.stiffness(self.model, self.name, int(self.configuration.get("materials", "1")))
 
     @property
     def frame_forces(self) -> np.ndarray:

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from mjframes.elasticity.laws import LawParameters
 from mjframes.elasticity.regions import frame_sets
+from mjframes.elasticity.shares import groups
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.finite_elements.batch import Progress, averages
 from mjframes.finite_elements.displacements import displacements
@@ -105,8 +106,10 @@ def whole_body(
     report = _counted("condensing the whole body", progress)
     bones = bone_frames(grid, shapes.weights, types, held)
     types = tuple("rigid" if i in bones else kind for i, kind in enumerate(types))
-    element = superelement(grid, shapes.weights, control, types, held, finite.solver, blocks, report)
-    parts = select(element.matrix, control, families(frames_of, len(types)))
+    element = superelement(
+        grid, shapes.weights, control, types, held, finite.solver, blocks, report, groups(grid.table)
+    )
+    parts = select(element.matrix, control, families(frames_of, len(types)), element.shares)
     stiffness, region = regions_of(grid, label, frames_of, control, parts, links, bones)
     covariance = compliance(assembled(stiffness, len(control.frame)), control, types, held)
     progress("refitting the weights")

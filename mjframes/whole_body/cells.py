@@ -17,6 +17,8 @@ for these motions M and their gradients T, those of N̂ M. A mean's energy is le
 keeps the rest of K positive: where a motion costs more than K allows for, the cells that it costs most lose most. The
 rest is split into one K_r a region as K was (`selection`): the frames are eliminated from the last one
 on, and a frame's own block with what it couples to is its region's; all are positive semi-definite, and sum up to K.
+What a material has of the rest (elasticity/shares.py) is what it has of K less its cells, made positive semi-definite
+frame by frame, as cells may have more of one material than K has.
 Index letters: v voxel; q cell; e region.
 """
 
@@ -31,6 +33,7 @@ from numpy.typing import NDArray
 from mjframes.base.rigid import motion_basis, rigid_motions, size_of
 from mjframes.elasticity.laws import LawParameters, hessian
 from mjframes.elasticity.regions import members_of
+from mjframes.elasticity.shares import by_material, factor_of
 from mjframes.elasticity.stiffness import Stiffness, blind_to_translations
 from mjframes.kinematics.control import ControlPoints
 from mjframes.volume.grid import Grid
@@ -53,12 +56,14 @@ class Cells:
     material: (q,) places in the grid's table.
     slope: (q, 9, 3m) E_q [1/m], row 3a + b for ∂u_a/∂p_b, in volume coordinates.
     remainder: (3m, 3m) K_r [N/m].
+    shares: (p, 3o, 3m) what each material but the last has of its rows [N/m], see elasticity/shares.py.
     """
 
     volume: tuple[Array, ...]
     material: tuple[NDArray[np.int64], ...]
     slope: tuple[Array, ...]
     remainder: tuple[Array, ...] = field(metadata={"symmetric": True})
+    shares: tuple[Array, ...]
 
     def stiffened(self, before: Stiffness, after: Stiffness) -> Cells:
         """Return them where the regions became stiffer than they were before."""
@@ -113,16 +118,23 @@ def cells(
     ends = np.cumsum([len(V) for V in volume])[:-1]
     volume = np.split(_affordable(np.concatenate(volume), np.array(strains)), ends)
     shared = len(stiffness.points) - bones
-    rest = assembled(stiffness, len(control.frame), shared)
-    for points, V, numbers, E in zip(stiffness.points, volume, material, slope, strict=True):
-        taken = np.einsum("q,qia,qij,qjb->ab", V, E, np.array(tangent)[numbers], E, optimize=True)
-        rest[np.ix_(degrees(points), degrees(points))] -= taken
-    remainder = [*_split(total, rest, control, stiffness.points[:shared]), *stiffness.matrix[shared:]]
+    factor = factor_of(grid.table)
+    rest = np.zeros((factor.max() + 1, *total.shape))  # by material
+    for e, points in enumerate(stiffness.points):
+        every = np.ix_(degrees(points), degrees(points))
+        if e < shared:
+            for m, matrix in enumerate(by_material(stiffness.matrix[e], stiffness.shares[e])):
+                rest[m][every] += matrix
+        for V, number, E in zip(volume[e], material[e], slope[e], strict=True):
+            rest[factor[number]][every] -= V * E.T @ tangent[number] @ E
+    parts = _split(total, rest, control, stiffness.points[:shared])
+    remainder = [*(matrix for matrix, _ in parts), *stiffness.matrix[shared:]]
     return Cells(
         volume=tuple(volume),
         material=tuple(material),
         slope=tuple(slope),
         remainder=tuple(map(blind_to_translations, remainder)),
+        shares=(*(shares for _, shares in parts), *stiffness.shares[shared:]),
     )
 
 
@@ -259,15 +271,42 @@ def _affordable(volume: Array, strain: Array) -> Array:
 
 
 def _split(
-    stiffness: Array, matrix: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]
-) -> list[Array]:
-    """Positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite matrix (3k, 3k) below K."""
-    rest, parts = matrix.copy(), []
+    stiffness: Array, matrices: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]
+) -> list[tuple[Array, Array]]:
+    """Positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite matrix below K; their shares.
+
+    matrices: (M, 3k, 3k) what each material has of it.
+    """
+    rest, by_one, parts = matrices.sum(axis=0), matrices.copy(), []
     for points in reversed(regions):
         own, every = degrees(points[control.frame[points] == control.frame[points[-1]]]), degrees(points)
+        others = every[: len(every) - len(own)]
         value, vector = np.linalg.eigh(rest[np.ix_(own, own)])
         kept = value > SEEN * np.diagonal(stiffness)[own].max()
-        reach = (vector[:, kept] / np.sqrt(value[kept])).T @ rest[np.ix_(own, every)]
-        parts.append(reach.T @ reach)
-        rest[np.ix_(every, every)] -= parts[-1]
+        root = vector[:, kept] * np.sqrt(value[kept])  # of the own block C
+        inverse = vector[:, kept] / np.sqrt(value[kept])
+        reach = inverse.T @ rest[np.ix_(own, every)]
+        follow = -inverse @ reach[:, : len(others)]
+        rows = by_one[:, own[:, None], every]
+        crossed = rows[:, :, : len(others)].transpose(0, 2, 1) @ follow
+        by_one[:, others[:, None], others] += crossed + crossed.transpose(0, 2, 1)
+        by_one[:, others[:, None], others] += follow.T @ rows[:, :, len(others) :] @ follow
+        parts.append((reach.T @ reach, _positive(rows, follow, root, inverse)[:-1]))
+        rest[np.ix_(every, every)] -= parts[-1][0]
     return parts[::-1]
+
+
+def _positive(rows: Array, follow: Array, root: Array, inverse: Array) -> Array:
+    """Rows [Y_m, C_m] (M, o, o') of all materials with C_m made positive semi-definite, their sum the same.
+
+    follow: F = −C⁺ Y of the sum, C = root rootᵀ.  inverse: of the root. Y_m + C_m F, how other moduli change F, stays.
+    """
+    n = follow.shape[1]
+    value, vector = np.linalg.eigh(inverse.T @ rows[:, :, n:] @ inverse)
+    positive = (vector * np.maximum(value, 0)[:, None]) @ vector.transpose(0, 2, 1)
+    size, axes = np.linalg.eigh(positive.sum(axis=0))  # ⪰ 1
+    back = axes / np.sqrt(size) @ axes.T
+    own = root @ back @ positive @ back @ root.T
+    onto = inverse @ root.T  # what does not move C does not count
+    change = onto.T @ (rows[:, :, :n] + rows[:, :, n:] @ follow)
+    return np.concatenate([change - own @ follow, own], axis=2)

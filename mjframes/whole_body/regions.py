@@ -51,6 +51,7 @@ def regions_of(
         gradient=(),
         matrix=tuple(part.matrix for part in regions),
         volume=np.bincount(region, minlength=len(regions)).astype(np.float64) * grid.cell_volume,
+        shares=tuple(part.shares for part in regions),
     )
     return with_rotations(stiffness, control), region
 
@@ -74,8 +75,10 @@ def _bone(part: Part, control: ControlPoints, frame: int) -> Part:
     own = control.frame[part.points] == frame
     points = part.points[own]
     rigid = motion_basis(control.rest[points])
+    strain = np.eye(len(rigid)) - rigid @ rigid.T
     firmness = RIGID_RATIO * np.mean(np.diagonal(part.matrix)[np.repeat(own, 3)])
-    return Part(points, firmness * (np.eye(len(rigid)) - rigid @ rigid.T))
+    shares = RIGID_RATIO * np.mean(np.diagonal(part.shares[:, :, -len(rigid) :], axis1=1, axis2=2), axis=1)
+    return Part(points, firmness * strain, shares[:, None, None] * strain)
 
 
 def _region_of(frames: NDArray[np.integer], parts: Sequence[Part], control: ControlPoints, kept: Sequence[int]) -> int:

@@ -9,6 +9,8 @@ and the functionals b_j(u) = Σ_v e_v ∫ Φ_j u / V, the columns of B,
 where A is the stiffness of the voxels, Y = A⁻¹ B while held pieces stand still, and S = Bᵀ Y. Held pieces move by
 a = H x, the rigid motions of their control points; U is how the body follows them, D their energy. A free body has
 multipliers that balance, Uᵀ B μ = 0, with U its own rigid motions, and moves by the a that is left of the constraint.
+What material m has of K is ∂K/∂log E_m = Nᵀ A_m N, where N x is the u of x and A_m of that material's voxels alone: u
+minimizes, so that it does not change to first order. The sum over all materials is K, as A is homogeneous in all E_m.
 Nothing locks, whatever the shape of the weights: K is what the finite elements resist with when the moments move. The
 exponent ½ of E is a compromise: with 0 the soft core of a sandwich hides what its skins do, 1 is blind to a soft coat.
 
@@ -50,11 +52,13 @@ class Superelement:
     matrix: (3k, 3k) K [N/m], in volume coordinates.
     moved: (r, 3, c) float32, c fields of displacement at r places, along the grid's axes.
     lifting: (c, 3k); control points displaced by x [m], in volume coordinates, move the places by moved · lifting · x.
+    shares: (p, 3k, 3k) of K [N/m], of the groups of materials that were asked for.
     """
 
     matrix: Array
     moved: NDArray[np.float32]
     lifting: Array
+    shares: Array
 
 
 def superelement(
@@ -66,17 +70,20 @@ def superelement(
     solver: BodySolver,
     blocks: NDArray[np.integer],
     progress: Progress,
+    groups: Sequence[NDArray[np.bool_]] = (),
 ) -> Superelement:
     """Return K of all control points, and how the body follows them.
 
     weights: (n, f) of the frames at the voxels.  types: (f,) of the frames.  held: so many frames, the first ones, are
-    the pieces that the solver holds, in its order.  blocks: (n,) the place of each voxel.  progress: see `respond`.
+    the pieces that the solver holds, in its order.  blocks: (n,) the place of each voxel.
+    progress, groups: see `respond`.
     """
     functionals, gram = moments(grid, weights, control, solver)
     moving = np.flatnonzero(control.frame >= held)
     rest = control.rest @ grid.axes
     forces = sparse.csr_array(functionals[:, moving])
-    response, motion = respond(solver, forces, blocks, progress), motions(solver, forces, blocks)
+    motion = motions(solver, forces, blocks)
+    response = respond(solver, forces, blocks, progress, groups=groups, others=motion.fields)
     basis = frame_motions(control, types, rest, held)
     rigid = basis @ basis.T
     mix = _independent(gram[np.ix_(moving, moving)], frame_motions(control, types, rest, held, held)[degrees(moving)])
@@ -89,11 +96,15 @@ def superelement(
     else:
         carried, multipliers, stiffness = _free_minimum(response, mix, push, target)
     stiffness += _straining(stiffness, rigid)
+    following = np.vstack([mix @ multipliers, motion.change @ carried])
+    shares = following.T @ response.shares @ following
+    shares = np.array([share + _straining(share, rigid) for share in shares]).reshape(shares.shape)
     turned = np.kron(np.eye(len(rest)), grid.axes.T)  # from volume coordinates to the grid's axes
     return Superelement(
         matrix=turned.T @ (stiffness + stiffness.T) / 2 @ turned,
         moved=np.concatenate([response.moved, motion.moved], axis=2),
         lifting=np.vstack([mix @ multipliers, carried]) @ turned,
+        shares=turned.T @ shares @ turned,
     )
 
 

@@ -25,6 +25,11 @@ struct LawParameters {
   double volume;  // κ [Pa]
 };
 
+// Of a material with `factor` times its moduli.
+inline LawParameters Scaled(const LawParameters& p, double factor) {
+  return {factor * p.scale, p.shape, factor * p.second, factor * p.linear, factor * p.volume};
+}
+
 // f, f', f'' at some I₁ [Pa]
 struct Stretch {
   double value, slope, curvature;

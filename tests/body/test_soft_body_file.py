@@ -99,7 +99,7 @@ def test_an_array_is_no_soft_body(saved: Path) -> None:
 
 
 def test_another_version_is_refused(saved: Path) -> None:
-    with pytest.raises(MjframesError, match=r"format version 99, this mjframes reads 4; build it again"):
+    with pytest.raises(MjframesError, match=r"format version 99, this mjframes reads 5; build it again"):
         SoftBody.load(rewritten(saved, {"version": np.array(99)}))
 
 

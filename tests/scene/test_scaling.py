@@ -148,7 +148,7 @@ def test_factors_survive_prefixes_suffixes_and_files(around: tuple[str, str] | N
         outer.attach(spec, prefix=around[0], suffix=around[1], frame=outer.worldbody.add_frame())
         spec = outer
     for model in (spec.compile(), mujoco.MjModel.from_xml_string(spec.to_xml())):
-        np.testing.assert_array_equal(model.numeric_data, np.ones(3))
+        np.testing.assert_array_equal(model.numeric_data, np.ones(5))
         (called,) = soft_names(model)
         data = mujoco.MjData(model)
         data.qpos[:] = 0.001 * np.random.default_rng(0).normal(size=model.nq)
@@ -165,10 +165,10 @@ def test_a_saved_factor_is_read_back() -> None:
     spec = mujoco.MjSpec()
     attach(spec, lump(), "steak")
     numeric = spec.numeric("steak:stiffness")
-    numeric.data = [1.5]
+    numeric.data = [1.5, 1.5, 1.5]
     model = mujoco.MjModel.from_xml_string(spec.to_xml())
     scaled = spec.compile()
-    np.testing.assert_array_equal(model.numeric("steak:stiffness").data, [1.5])
+    np.testing.assert_array_equal(model.numeric("steak:stiffness").data, [1.5, 1.5, 1.5])
     scale(scaled, "steak", 1.5)
     np.testing.assert_allclose(moved(model), moved(scaled), rtol=0, atol=1e-6)  # text has six digits of the masses
 
@@ -191,7 +191,7 @@ def test_a_numeric_of_another_size_is_refused(warnings: list[str]) -> None:
     attach(spec, lump(), "steak")
     numeric = spec.numeric("steak:stiffness")
     numeric.size, numeric.data = 2, [1.0, 1.0]
-    with pytest.raises(ValueError, match="its numeric 'stiffness' has 2 values, but has to have 1"):
+    with pytest.raises(ValueError, match="its numeric 'stiffness' has 2 values, but has to have 3"):
         spec.compile()
     assert all(text.startswith("mjframes: soft body 'steak'") for text in warnings)
 
@@ -227,4 +227,4 @@ def test_bad_factors_are_refused_in_a_sentence(arguments: dict[str, Any], senten
     model, _ = in_space(lump())
     with pytest.raises(MjframesError, match=re.escape(sentence)):
         scale(model, **arguments)
-    np.testing.assert_array_equal(model.numeric_data, np.ones(3))
+    np.testing.assert_array_equal(model.numeric_data, np.ones(5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 from builders.scenes import compiled
 from builders.solved import Solved, rigid, solved
+from builders.solved import assembled as bricks_assembled
 from scipy import sparse
 
 import mjframes as mf
 from mjframes.body.frames import Frames, place
 from mjframes.elasticity.regions import frame_sets
+from mjframes.elasticity.shares import groups
 from mjframes.finite_elements.element import CORNERS
 from mjframes.finite_elements.solver import body_solver
 from mjframes.kinematics.control import control_points, control_weights
@@ -48,8 +51,9 @@ def small(held: int, frame_type: str = "affine") -> tuple[Solved, Frames, Supere
     frames = place(grid, evened(grid), cores, 3, None, 0, frame_type, Voronoi(), None)
     some = solved(grid, *ends)
     blocks = np.arange(len(grid.index))
+    shapes, kinds = frames.shapes, groups(grid.table)
     element = superelement(
-        grid, frames.shapes.weights, frames.shapes.control, frames.types, held, some.solver, blocks, lambda _, __: None
+        grid, shapes.weights, shapes.control, frames.types, held, some.solver, blocks, lambda _, __: None, kinds
     )
     return some, frames, element
 
@@ -85,7 +89,11 @@ def least_energy(some: Solved, frames: Frames, held: int, x: np.ndarray) -> tupl
 @pytest.mark.parametrize("held", [0, 1, 2])
 @pytest.mark.parametrize("frame_type", ["affine", "quadratic", "point"])
 def test_its_energy_is_the_least_with_these_moments(held: int, frame_type: str) -> None:
+    """And its share of the softer layer, ∂K/∂log E, is what that has of this energy."""
     some, frames, element = small(held, frame_type)
+    (share,) = element.shares
+    doubled = replace(some.grid, table=(replace(some.grid.table[0], young=2 * SOFT.young), some.grid.table[1]))
+    of_layer = bricks_assembled(doubled, some.solver.mesh) - some.matrix
     control, rng = frames.shapes.control, np.random.default_rng(0)
     for _ in range(3):
         x = rng.normal(size=control.rest.shape)
@@ -95,6 +103,7 @@ def test_its_energy_is_the_least_with_these_moments(held: int, frame_type: str) 
             x[own] = (motion @ rng.normal(size=6)).reshape(-1, 3)
         energy, u = least_energy(some, frames, held, x)
         assert 0.5 * x.ravel() @ element.matrix @ x.ravel() == pytest.approx(energy, rel=0.005)
+        assert x.ravel() @ share @ x.ravel() == pytest.approx(float(u @ of_layer @ u), rel=0.005, abs=0.002 * energy)
         moved = np.tensordot(element.moved, element.lifting @ x.ravel(), (2, 0))
         exact = (some.centre @ u).reshape(-1, 3)
         still = some.solver.node[:, 0] < 0  # C has nothing of held voxels
@@ -151,7 +160,7 @@ def test_parts_are_exact_on_every_clique(frame_type: str) -> None:
     control, count = frames.shapes.control, len(frames.types)
     parents = families([np.flatnonzero(row) for row in frame_sets(frames.shapes.weights)[1]], count)
     assert any(len(some) < i for i, some in enumerate(parents))  # not all are coupled
-    parts = select(element.matrix, control, parents)
+    parts = select(element.matrix, control, parents, element.shares)
     total = np.zeros_like(element.matrix)
     motion = rigid(control.rest)
     for part in parts:
@@ -171,7 +180,7 @@ def test_parts_are_blind_to_rigid_motions(frame_type: str, held: int) -> None:
     """Even those of points, whose weights do not turn with the body."""
     _, frames, element = small(held, frame_type)
     control = frames.shapes.control
-    for part in select(element.matrix, control, [list(range(i)) for i in range(len(frames.types))]):
+    for part in select(element.matrix, control, [list(range(i)) for i in range(len(frames.types))], element.shares):
         motion = rigid(control.rest[part.points])
         assert np.abs(part.matrix @ motion).max() < 1e-12 * np.abs(element.matrix).max()
 
@@ -180,7 +189,7 @@ def test_whole_families_are_exact() -> None:
     """Where every frame is coupled to every other the parts sum up to K itself."""
     _, frames, element = small(0)
     count = len(frames.types)
-    parts = select(element.matrix, frames.shapes.control, [list(range(i)) for i in range(count)])
+    parts = select(element.matrix, frames.shapes.control, [list(range(i)) for i in range(count)], element.shares)
     total = np.zeros_like(element.matrix)
     for part in parts:
         total[np.ix_(degrees(part.points), degrees(part.points))] += part.matrix
