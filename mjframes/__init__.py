@@ -25,6 +25,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
 if TYPE_CHECKING:
+    from mjframes.app.collect.run import Collection, collect
     from mjframes.app.log.options import Log
     from mjframes.app.run import record
     from mjframes.app.video import film, still
@@ -50,6 +51,7 @@ __all__ = [
     "Attached",
     "Attachment",
     "BranchWarning",
+    "Collection",
     "Contact",
     "Fixed",
     "Harmonic",
@@ -69,6 +71,7 @@ __all__ = [
     "add_sensor",
     "attach",
     "build",
+    "collect",
     "film",
     "load_scene",
     "mass_matrix",
@@ -81,6 +84,7 @@ __all__ = [
 
 # MuJoCo 4 imports this package whenever it is imported itself: the rest is loaded when it is used.
 _HOMES = {
+    "app.collect.run": ("Collection", "collect"),
     "app.log.options": ("Log",),
     "app.run": ("record",),
     "app.video": ("film", "still"),

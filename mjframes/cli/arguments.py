@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NoReturn
 
+from mjframes.app.collect.plan import CONTROLS
 from mjframes.app.log.options import TOPICS
 from mjframes.base.choices import (
     COROTATIONAL,
@@ -173,10 +174,47 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("log", metavar="LOG", help="log that run wrote (.mcap), or what a killed run left of it")
     command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
     command.add_argument("--plot", metavar="FILE", help="figure to write: .png, .pdf, .svg")
+    command.add_argument("--world", type=_seed, metavar="N", help="which, of a shard that collect wrote")
     command.add_argument(
         "--state", type=float, metavar="T", help="print the logged state nearest to this time [s], as JSON"
     )
     _add_film(command)
+
+    command = commands.add_parser("collect", help="step many worlds of a scene, each with its own materials and pushes")
+    command.set_defaults(command=functions["collect"])
+    command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument("--worlds", type=_count, required=True, metavar="N", help="how many")
+    command.add_argument("--seconds", type=_factor, default=3.0, metavar="S", help="of each (default %(default)s)")
+    command.add_argument(
+        "--out", required=True, metavar="FOLDER", help="new, empty, or of the same collection, which then goes on"
+    )
+    command.add_argument(
+        "--vary",
+        type=_bounded,
+        action="append",
+        default=[],
+        metavar="BODY.WHAT=LOW:HIGH",
+        help="what each world draws: stiffness, alpha, beta [factors]; x, y, z [m], roll, pitch, yaw [degrees] of the "
+        "start; steak.stiffness=0.5:2",
+    )
+    command.add_argument(
+        "--push", type=_bounded, action="append", default=[], metavar="BODY=LOW:HIGH",
+        help="a force [N] of a tenth of a second, its direction, place and time drawn: steak=0:5",
+    )  # fmt: skip
+    command.add_argument(
+        "--control", choices=CONTROLS, default="none", help="of the actuators, in their ranges (default %(default)s)"
+    )
+    command.add_argument(
+        "--rate", type=_factor, default=30.0, metavar="HZ", help="entries a simulated second (default %(default)s)"
+    )
+    command.add_argument("--seed", type=_seed, default=0, metavar="N", help="of all draws (default %(default)s)")
+    command.add_argument("--shard", type=_count, default=128, metavar="N", help="worlds in a file (default %(default)s)")
+    command.add_argument(
+        "--threads", type=_count, metavar="N", help="(default: one a processor, on a cluster one a shard)"
+    )
+    command.add_argument(
+        "--ray", metavar="ADDRESS", help="of a Ray cluster that computes the shards; local for one of this machine"
+    )
 
     command = commands.add_parser("view", help="open a scene in MuJoCo's viewer")
     command.set_defaults(command=functions["view"])
@@ -237,6 +275,17 @@ def _topics(text: str) -> tuple[str, ...]:
     if unknown := [topic for topic in topics if topic not in TOPICS]:
         raise argparse.ArgumentTypeError(f"{unknown[0]!r} is none of {', '.join(TOPICS)}")
     return topics
+
+
+def _bounded(text: str) -> tuple[str, tuple[float, float]]:
+    name, _, bounds = text.partition("=")
+    try:
+        low, high = (float(part) for part in bounds.split(":"))
+    except ValueError:
+        low = high = math.nan
+    if not (name and math.isfinite(low) and math.isfinite(high)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LOW:HIGH with two numbers")
+    return name, (low, high)
 
 
 def _count(text: str) -> int:

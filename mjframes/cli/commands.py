@@ -1,4 +1,4 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `view`, `bench`, `report`, `check`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`, `check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -269,7 +269,7 @@ def replay(arguments: argparse.Namespace) -> int:
 
     if not (arguments.video or arguments.plot or arguments.state is not None):
         raise MjframesError("nothing is asked for; give --video, --plot or --state.")
-    log = read_log(arguments.log)
+    log = read_log(arguments.log, arguments.world)
     if not log.whole:
         end = log.states()[-1]["time"]
         print(f"mjframes: {arguments.log}: the log was cut off at {end:g} s; what is there is used.", file=sys.stderr)
@@ -279,6 +279,33 @@ def replay(arguments: argparse.Namespace) -> int:
         film_of(log, arguments.video, arguments.camera, arguments.fps, arguments.size)
     if arguments.state is not None:
         print(json.dumps(state_at(log, arguments.state)))
+    return 0
+
+
+def collect(arguments: argparse.Namespace) -> int:
+    """Step many worlds of a scene; write shards and a table."""
+    from mjframes.app.collect.run import collect as collect_worlds
+
+    start = time.perf_counter()
+    found = collect_worlds(
+        arguments.scene,
+        arguments.out,
+        worlds=arguments.worlds,
+        seconds=arguments.seconds,
+        vary=arguments.vary,
+        push=arguments.push,
+        control=arguments.control,
+        rate=arguments.rate,
+        seed=arguments.seed,
+        shard=arguments.shard,
+        threads=arguments.threads,
+        ray=arguments.ray,
+        progress=True,
+    )
+    early = f", {found.ended} of them end early, see worlds.csv" if found.ended else ""
+    print(
+        f"{found.folder}: {found.worlds} worlds in {len(found.shards)} shards{early}, {time.perf_counter() - start:.1f} s"
+    )
     return 0
 
 
@@ -370,6 +397,7 @@ COMMANDS = {
     "inspect": inspect,
     "run": run,
     "replay": replay,
+    "collect": collect,
     "view": view,
     "bench": bench,
     "report": report,

@@ -33,9 +33,14 @@ def schemas(model: mujoco.MjModel, soft_names: Iterable[str], topics: Collection
     if "energy" in topics:
         found |= {f"/soft/{name}": FIELDS["soft"] for name in soft_names}
     if "sensors" in topics and model.nsensor:
-        sizes = zip(sensor_names(model), model.sensor_dim.tolist(), strict=True)
-        found["/sensors"] = {name: "as MuJoCo has it" if size == 1 else NUMBERS for name, size in sizes}
-    return {topic: _schema(topic, fields) for topic, fields in found.items()}
+        found["/sensors"] = sensor_fields(model)
+    return {topic: json_schema(topic.split("/")[1], fields) for topic, fields in found.items()}
+
+
+def sensor_fields(model: mujoco.MjModel) -> dict[str, Any]:
+    """Return what `sensor_message` has, by name, as `json_schema` takes it."""
+    sizes = zip(sensor_names(model), model.sensor_dim.tolist(), strict=True)
+    return {name: "as MuJoCo has it" if size == 1 else NUMBERS for name, size in sizes}
 
 
 def messages(instant: Instant) -> dict[str, dict[str, Any]]:
@@ -61,9 +66,9 @@ def messages(instant: Instant) -> dict[str, dict[str, Any]]:
     }
 
 
-def sensor_message(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Any]:
+def sensor_message(model: mujoco.MjModel, sensordata: np.ndarray) -> dict[str, Any]:
     """Return each sensor's value, or its values, by its name."""
-    values = np.split(data.sensordata, model.sensor_adr[1:])
+    values = np.split(sensordata, model.sensor_adr[1:])
     return {
         name: value.tolist() if len(value) != 1 else float(value[0])
         for name, value in zip(sensor_names(model), values, strict=True)
@@ -101,13 +106,14 @@ def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
     )
 
 
-def _schema(topic: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+def json_schema(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the JSON schema of messages that have a time and `fields`: their schema, or the unit of a number."""
     properties = {
         name: field if isinstance(field, dict) else {"type": "number", "description": f"[{field}]"}
         for name, field in {"time": "s", **fields}.items()
     }
     return {
-        "title": f"mjframes.{topic.split('/')[1]}",
+        "title": f"mjframes.{name}",
         "type": "object",
         "properties": properties,
         "required": ["time", *fields],

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjframes.app.log.numbers import instants
+from mjframes.app.log.worlds import WORLD, world_of
 from mjframes.app.log.write import METADATA
 from mjframes.app.recording import Recording
 from mjframes.base.errors import MjframesError
@@ -23,7 +24,7 @@ class Logged:
 
     path: of its file.  messages: topic of numbers → its messages in order of time.
     files: what was attached, by name; the scene is `scene.SCENE` of them.  about: facts of the run.
-    whole: whether it was written to its end.
+    whole: whether it was written to its end.  worlds: those in it, of a log of many of which none was chosen.
     """
 
     path: str
@@ -31,10 +32,14 @@ class Logged:
     files: Mapping[str, bytes]
     about: Mapping[str, str]
     whole: bool
+    worlds: tuple[int, ...] = ()
 
     def states(self) -> list[dict[str, Any]]:
         """Return the messages of /state.  Raise MjframesError where there are none."""
         found = self.messages.get("/state", [])
+        if self.worlds:
+            several = f"{self.worlds[0]} to {self.worlds[-1]}"
+            raise MjframesError(f"{self.path}: the log is of the worlds {several}; choose one, with --world.")
         if not found:
             raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
         return found
@@ -60,10 +65,11 @@ class Logged:
         )
 
 
-def read_log(path: str | os.PathLike[str]) -> Logged:
+def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
     """Return the numbers and files of a log, as far as it was written.
 
-    Raise MjframesError for a file that cannot be read, is damaged or is no log of ours.
+    world: which, of a log of many: its topics are told as those of a log of it alone, what was drawn for it is in `about`.
+    Raise MjframesError for a file that cannot be read, is damaged or is no log of ours, and for a world that is not there.
     """
     from mcap.exceptions import McapError
     from mcap.records import Attachment, Channel, Message, Metadata
@@ -74,18 +80,24 @@ def read_log(path: str | os.PathLike[str]) -> Logged:
     files: dict[str, bytes] = {}
     about: dict[str, str] = {}
     topics: dict[int, str] = {}
+    worlds: set[int] = set()
     whole = False
     try:
         with open(path, "rb") as stream:
             try:
                 for record in StreamReader(stream, validate_crcs=True).records:
                     if isinstance(record, Channel) and record.message_encoding == "json":
-                        topics[record.id] = record.topic
+                        own = world_of(record.topic)
+                        worlds |= {own[0]} if own else set()
+                        if own is None or own[0] == world:
+                            topics[record.id] = own[1] if own else record.topic
                     elif isinstance(record, Message) and record.channel_id in topics:
                         messages[topics[record.channel_id]].append(json.loads(record.data))
                     elif isinstance(record, Attachment):
                         files[record.name] = record.data
                     elif isinstance(record, Metadata) and record.name == METADATA:
+                        about |= record.metadata
+                    elif isinstance(record, Metadata) and record.name == WORLD and record.metadata[WORLD] == str(world):
                         about |= record.metadata
                 whole = True
             except (McapError, ValueError, struct.error, ZstdError) as error:
@@ -97,4 +109,9 @@ def read_log(path: str | os.PathLike[str]) -> Logged:
         raise MjframesError(f"{path}: the log cannot be read ({error.strerror}).") from error
     if "timestep" not in about:
         raise MjframesError(f"{path}: not a log that mjframes wrote (it does not say of what).")
-    return Logged(os.fspath(path), dict(messages), files, about, whole)
+    if world is not None and world not in worlds:
+        known = f"those of {min(worlds)} to {max(worlds)}" if worlds else "none, it is of one run"
+        raise MjframesError(f"{path}: world is {world}, but the log has {known}.")
+    return Logged(
+        os.fspath(path), dict(messages), files, about, whole, tuple(sorted(worlds)) if world is None else ()
+    )

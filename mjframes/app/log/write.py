@@ -53,7 +53,7 @@ class LogWriter:
         """Log the numbers of an instant; data: at that instant."""
         found = messages(instant)
         if "/sensors" in self._channels:
-            found["/sensors"] = sensor_message(self._model, data)
+            found["/sensors"] = sensor_message(self._model, data.sensordata)
         for topic, message in found.items():
             if topic in self._channels:
                 self._write(topic, instant.time, json.dumps({"time": instant.time, **message}).encode())

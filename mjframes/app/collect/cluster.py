@@ -1,0 +1,47 @@
+"""Shards as tasks of a Ray cluster, whose results come back to whoever asked: no folder has to be shared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from mjframes.app.collect.plan import Plan
+from mjframes.app.collect.shard import shard_bytes
+from mjframes.base.errors import MjframesError
+
+RETRIES = 20  # [a shard] after its worker died
+AHEAD = 2  # [a processor] shards that are asked for at a time: their results wait in the cluster's memory
+
+
+def on_cluster(
+    address: str, plan: Plan, files: Mapping[str, bytes], shards: Sequence[int], threads: int
+) -> Iterator[tuple[int, bytes]]:
+    """Yield shards of a plan and their numbers as they are done, in any order.
+
+    address: of the cluster, "local" for a new one on this machine.  threads: of each task.
+    Raise MjframesError where Ray is not installed or the cluster cannot be reached.
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise MjframesError('a cluster needs ray, which is not installed; pip install "mjframes[ray]".') from error
+    try:
+        ray.init(address, log_to_driver=False)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise MjframesError(f"ray is {address!r}: there is no cluster that answers ({reason}).") from error
+    try:
+        task = ray.remote(num_cpus=threads, max_retries=RETRIES)(shard_bytes)
+        scene = ray.put(dict(files))
+        waiting, running = list(shards), {}
+        while waiting or running:
+            room = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)) // threads)
+            while waiting and len(running) < room:
+                number = waiting.pop(0)
+                running[task.remote(plan, scene, number, threads)] = number
+            done, _ = ray.wait(list(running), num_returns=1)
+            try:
+                yield running.pop(done[0]), ray.get(done[0])
+            except ray.exceptions.RayError as error:
+                raise MjframesError(f"the cluster could not compute a shard ({str(error).splitlines()[-1]}).") from error
+    finally:
+        ray.shutdown()

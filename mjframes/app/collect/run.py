@@ -1,0 +1,138 @@
+"""Collecting: shard after shard until all are there, and then the table. Killed at any time, it goes on where it was."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+
+from mjframes.app.collect.cluster import on_cluster
+from mjframes.app.collect.plan import Bounds, Plan, begin, digest
+from mjframes.app.collect.shard import shard_bytes, shard_path
+from mjframes.app.collect.worlds import Stepping
+from mjframes.app.log.worlds import WORLD
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
+from mjframes.scene.load import load_scene
+from mjframes.scene.packed import pack, unpack
+
+TABLE = "worlds.csv"
+PARTIAL = re.compile(r"\.[\w-]+\.(\d+)\.partial\.\w+")  # see `base.files.replacing`
+
+
+@dataclass(frozen=True)
+class Collection:
+    """What was collected.
+
+    folder: of the shards and the table.  worlds: how many.  shards: their files.
+    ended: of how many worlds MuJoCo warned, whose entries end before that.
+    """
+
+    folder: Path
+    worlds: int
+    shards: tuple[Path, ...]
+    ended: int
+
+
+def collect(
+    scene: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    worlds: int,
+    seconds: float,
+    vary: Mapping[str, Bounds] | Sequence[tuple[str, Bounds]] = (),
+    push: Mapping[str, Bounds] | Sequence[tuple[str, Bounds]] = (),
+    control: str = "none",
+    rate: float = 30.0,
+    seed: int = 0,
+    shard: int = 128,
+    threads: int | None = None,
+    ray: str | None = None,
+    progress: bool = False,
+) -> Collection:
+    """Step many worlds of a scene and keep their states and sensors, and what was drawn for each.
+
+    scene: MJCF file.  out: folder, new, empty, or of the same collection, which then goes on.
+    worlds, seconds: how many, and how long each [s].  rate: entries a simulated second [Hz].
+    vary: bounds of what is drawn, {"steak.stiffness": (0.5, 2)}; see `variation` for what there is.
+    push: bounds of a force on a body, {"steak": (0, 5)} [N]; see `push`.
+    control: "random" draws each actuator's control anew every tenth of a second, from its range.
+    seed: of all draws.  shard: worlds in a file.  threads: one a processor unless given; on a cluster one a shard.
+    ray: address of a Ray cluster that computes the shards, "local" for one of this machine's own.
+    progress: show a bar on a terminal.
+    What is kept depends neither on threads nor on where and how often it was interrupted, to the bit.
+    Raise MjframesError for arguments that cannot be, a folder of another collection, and what cannot be written.
+    """
+    if threads is not None and (not isinstance(threads, int) or threads < 1):
+        raise MjframesError(f"threads is {threads!r}; give a whole number from 1 on.")
+    _check_packages()
+    _, spec = load_scene(scene)
+    files = pack(spec)
+    pairs = [tuple(dict(some).items()) if isinstance(some, Mapping) else tuple(some) for some in (vary, push)]
+    plan = Plan(digest(files), worlds, seconds, pairs[0], pairs[1], control, rate, seed, shard)
+    Stepping(plan, unpack(files, os.fspath(scene))).draw(0)
+    folder = Path(out)
+    begin(plan, folder)
+    _clear(folder)
+    paths = tuple(shard_path(folder, number) for number in range(plan.shards))
+    missing = [number for number, path in enumerate(paths) if not path.exists()]
+    if ray is None:
+        work = partial(shard_bytes, plan, files, threads=threads or _processors())
+        found: Iterator[tuple[int, bytes]] = ((number, work(number)) for number in missing)
+    else:
+        found = on_cluster(ray, plan, files, missing, threads or 1)
+    hidden = not (progress and sys.stderr.isatty())
+    console = Console(stderr=True)
+    for number, content in track(found, "shards", len(missing), console=console, transient=True, disable=hidden):
+        with replacing(paths[number], "the shard") as partial_path:
+            partial_path.write_bytes(content)
+    rows = [row | {"file": path.name} for path in paths for row in _rows(path)]
+    _write_table(folder / TABLE, rows)
+    return Collection(folder, len(rows), paths, sum(bool(row["ended"]) for row in rows))
+
+
+def _check_packages() -> None:
+    try:
+        import mcap.writer  # noqa: F401
+    except ImportError as error:
+        raise MjframesError('shards need mcap, which is not installed; pip install "mjframes[log]".') from error
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _clear(folder: Path) -> None:
+    """Remove what killed processes left half-written."""
+    for path in folder.iterdir():
+        if (match := PARTIAL.fullmatch(path.name)) and not Path(f"/proc/{match[1]}").exists():
+            with suppress(OSError):
+                path.unlink()
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    """The worlds of a shard, as its metadata has them.  Raise MjframesError for a file that is damaged."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    try:
+        with path.open("rb") as stream:
+            return [record.metadata for record in make_reader(stream).iter_metadata() if record.name == WORLD]
+    except (OSError, McapError, ValueError) as error:
+        raise MjframesError(f"{path}: the shard cannot be read ({error}); remove it, and collect again.") from error
+
+
+def _write_table(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
+    with replacing(path, "the table") as partial_path, partial_path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

@@ -1,0 +1,161 @@
+"""Some of the worlds of a plan, stepped side by side: the same bits whichever they are, on however many threads.
+
+`mujoco.batch` steps them. Materials are rows of `numeric_data`, starts rows of `qpos`; pushes and random controls are
+given step by step. An entry is the state that a step starts from, and the sensors that MuJoCo computes in that step.
+A world that MuJoCo warns of, as it diverges or its memory is full, ends with the last entry before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+
+from mjframes.app.collect.plan import Plan
+from mjframes.app.collect.push import LENGTH, Push, pushes
+from mjframes.app.collect.variation import Varied, stream, variations
+from mjframes.base.errors import MjframesError
+from mjframes.scene.load import mujoco_warnings, sentence
+
+HOLD = 0.1  # [s] that a random control lasts
+CONTROLS = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+ERROR = "ERROR"  # why a world ended, where MuJoCo gives no warning
+
+
+@dataclass(frozen=True, eq=False)
+class Worlds:
+    """What became of n worlds.
+
+    drawn: of each, what was drawn, by name.  times: (t,) of the entries [s].
+    qpos, qvel, act, ctrl, sensors: (n, t, …).  count: (n,) entries that each has.  ended: why each has no more, "".
+    """
+
+    drawn: tuple[dict[str, float], ...]
+    times: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    act: np.ndarray
+    ctrl: np.ndarray
+    sensors: np.ndarray
+    count: np.ndarray
+    ended: tuple[str, ...]
+
+
+class Stepping:
+    """A plan's scene, ready for some of its worlds.
+
+    model: of the scene; it is not to be used by others meanwhile.
+    Raise MjframesError for a plan that does not go with the scene, and a scene that MuJoCo cannot start.
+    """
+
+    def __init__(self, plan: Plan, model: mujoco.MjModel) -> None:
+        self.plan, self.model = plan, model
+        with mujoco_warnings() as warnings:
+            try:
+                self.data = mujoco.MjData(model)
+            except mujoco.FatalError as error:
+                raise MjframesError(f"MuJoCo cannot start the scene ({sentence(error, warnings)}).") from error
+            mujoco.mj_forward(model, self.data)
+        self._variations = variations(plan.vary)
+        self._varied = Varied(model, self.data, self._variations)
+        self.pushes = pushes(model, self.data, plan.push, plan.seconds)
+        if plan.control == "random" and not model.nu:
+            raise MjframesError("control is 'random', but the scene has no actuators; leave it out.")
+
+    def draw(self, world: int) -> dict[str, float]:
+        """Return what is drawn for a world, by name."""
+        plan = self.plan
+        found: dict[str, float] = {one.name: one.draw(plan.seed, world) for one in self._variations}
+        for push in self.pushes:
+            found |= push.draw(plan.seed, world, plan.seconds)
+        return found
+
+    def run(self, worlds: Sequence[int], threads: int) -> Worlds:
+        """Step some worlds to their end, or where MuJoCo warns of them; threads: 0 for one a processor.
+
+        Raise MjframesError where memory does not suffice.
+        """
+        plan, model, n = self.plan, self.model, len(worlds)
+        timestep = model.opt.timestep
+        steps, stride = _steps(plan.seconds, timestep), _steps(1 / plan.rate, timestep)
+        ticks = range(0, steps, stride)
+        drawn = tuple(self.draw(world) for world in worlds)
+        batch = Batch(model, n, threads, persistent=bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP))
+        if model.nnumeric:
+            batch.expand("numeric_data")[:] = [self._varied.numerics(some) for some in drawn]
+        start = np.array([self._varied.qpos(some) for some in drawn])
+        batch.bind("qpos")[:] = start
+        inputs = _Inputs(self, worlds, drawn, start)
+        sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu, "sensors": model.nsensordata}
+        kept = {name: np.zeros((n, len(ticks), size)) for name, size in sizes.items()}
+        count, ended, going = np.zeros(n, int), [""] * n, np.arange(n)
+        for tick, step in enumerate(ticks):
+            span = range(step, min(step + stride, steps))
+            for name in ("qpos", "qvel", "act"):
+                kept[name][going, tick] = batch.bind(name)[going]
+            given = inputs.during(going, span)
+            kept["ctrl"][going, tick] = given[:, 0, : model.nu]
+            sensed = np.zeros((len(going), len(span), model.nsensordata))
+            with suppress(SimulationError):  # of which `status` tells
+                batch.rollout(
+                    len(span), given, CONTROLS, record=("sensordata",), ids=going, out={"sensordata": sensed}
+                )
+            kept["sensors"][going, tick] = sensed[:, 0]
+            for world in going.tolist():
+                if (found := batch.warning[world] != 0).any():
+                    ended[world] = mujoco.mjtWarning(int(np.argmax(found))).name.removeprefix("mjWARN_")
+                elif batch.status[world]:
+                    ended[world] = ERROR
+            going = np.array([world for world in going.tolist() if not ended[world]], int)
+            count[going] += 1
+            if not len(going):
+                break
+        return Worlds(drawn, timestep * np.array(ticks), count=count, ended=tuple(ended), **kept)
+
+
+class _Inputs:
+    """What is put on worlds in each step: controls (nu) and wrenches (6 nbody), as `mujoco.batch` takes them."""
+
+    def __init__(
+        self, stepping: Stepping, worlds: Sequence[int], drawn: Sequence[dict[str, float]], start: np.ndarray
+    ) -> None:
+        model, plan = stepping.model, stepping.plan
+        timestep = model.opt.timestep
+        self._sizes = model.nu, 6 * model.nbody
+        self._hold, self._length = _steps(HOLD, timestep), _steps(LENGTH, timestep)
+        self._controls = np.zeros((len(worlds), _steps(plan.seconds, timestep) // self._hold + 1, model.nu))
+        if plan.control == "random":
+            limited = model.actuator_ctrllimited.astype(bool)
+            low, high = (np.where(limited, model.actuator_ctrlrange[:, k], side) for k, side in enumerate((-1, 1)))
+            for row, world in zip(self._controls, worlds, strict=True):
+                row[:] = low + (high - low) * stream(plan.seed, world, "control").random(row.shape)
+        self._pushes: list[list[tuple[int, np.ndarray]]] = []  # of each world: first step, wrench
+        for some, qpos in zip(drawn, start, strict=True):
+            stepping.data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, stepping.data)
+            mujoco.mj_comPos(model, stepping.data)
+            self._pushes.append(
+                [
+                    (round(some[f"{push.body}.push.time"] / timestep), push.wrenches(stepping.data, some).ravel())
+                    for push in stepping.pushes
+                ]
+            )
+
+    def during(self, worlds: np.ndarray, span: range) -> np.ndarray:
+        """Return what some of the worlds get in each step of a span, (n, steps, nu + 6 nbody)."""
+        nu, rest = self._sizes
+        found = np.zeros((len(worlds), len(span), nu + rest))
+        if nu:
+            found[:, :, :nu] = self._controls[worlds[:, None], np.array(span) // self._hold]
+        for row, world in zip(found, worlds.tolist(), strict=True):
+            for first, wrench in self._pushes[world]:
+                row[max(0, first - span.start) : max(0, first + self._length - span.start), nu:] += wrench
+        return found
+
+
+def _steps(seconds: float, timestep: float) -> int:
+    return max(1, round(seconds / timestep))
