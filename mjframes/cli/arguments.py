@@ -208,7 +208,9 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--rate", type=_factor, default=30.0, metavar="HZ", help="entries a simulated second (default %(default)s)"
     )
     command.add_argument("--seed", type=_seed, default=0, metavar="N", help="of all draws (default %(default)s)")
-    command.add_argument("--shard", type=_count, default=128, metavar="N", help="worlds in a file (default %(default)s)")
+    command.add_argument(
+        "--shard", type=_count, default=128, metavar="N", help="worlds in a file (default %(default)s)"
+    )
     command.add_argument(
         "--threads", type=_count, metavar="N", help="(default: one a processor, on a cluster one a shard)"
     )

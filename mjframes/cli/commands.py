@@ -1,4 +1,5 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`, `check`, `doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`, `check`,
+`doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -303,9 +304,8 @@ def collect(arguments: argparse.Namespace) -> int:
         progress=True,
     )
     early = f", {found.ended} of them end early, see worlds.csv" if found.ended else ""
-    print(
-        f"{found.folder}: {found.worlds} worlds in {len(found.shards)} shards{early}, {time.perf_counter() - start:.1f} s"
-    )
+    seconds = time.perf_counter() - start
+    print(f"{found.folder}: {found.worlds} worlds in {len(found.shards)} shards{early}, {seconds:.1f} s")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Starting poses: what floats free is moved and turned as a whole, in a model's `qpos`, so that states tell where it is.
+"""Starting poses: what floats free is moved and turned as a whole, in `qpos`, so that states tell where it is.
 
 A point x of it goes to c + R (x − c) + t, c its centre of mass. Its bodies are those of a soft body, on three slides,
 which a rigid frame turns below by a ball, or one on a free joint. Nothing of a soft body is strained by that.
@@ -35,7 +35,7 @@ class Movable:
     centre: np.ndarray
 
     def move(self, qpos: np.ndarray, shift: np.ndarray, turn: np.ndarray) -> None:
-        """Set in `qpos` (nq,) what is moved by `shift` (3,) [m] and turned about its centre by the quaternion `turn`."""
+        """Set what is moved by `shift` (3,) [m], and turned about its centre by the quaternion `turn`, in `qpos`."""
         model, place, facing = self.model, self.positions.copy(), self.orientations.copy()
         for body in self.bodies:
             above = int(model.body_parentid[body])

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import os
 import random
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,6 @@ from mjframes.app.collect.run import TABLE, collect
 from mjframes.app.log.read import read_log
 from mjframes.app.replay import film_of, state_at
 from mjframes.base.errors import MjframesError
-from mjframes.body.soft_body import SoftBody
 from mjframes.cli.commands import main
 from mjframes.scene.attach import attach
 from mjframes.scene.moving import movable
@@ -53,6 +51,10 @@ OPTIONS: dict[str, Any] = {
     "worlds": 10, "seconds": 0.2, "vary": VARY, "push": {"lump": (0.0, 2.0), "ball": (0.0, 1.0)}, "control": "random",
     "rate": 50.0, "seed": 3, "shard": 2,
 }  # fmt: skip
+
+
+def options(**changed: Any) -> dict[str, Any]:
+    return OPTIONS | changed
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +91,7 @@ def arguments(scene: Path, out: Path) -> list[str]:
 
 
 def test_a_world_is_what_one_run_with_its_row_of_the_table_is(scene: Path, whole: Path) -> None:
-    row = {name: value for name, value in table(whole)[3].items()}
+    row = table(whole)[3]
     model = mujoco.MjModel.from_xml_path(str(scene))
     log = read_log(whole / row["file"], 3)
     states = log.states()
@@ -131,39 +133,38 @@ def test_worlds_differ_and_keep_to_their_bounds(whole: Path) -> None:
 def test_worlds_do_not_depend_on_shards_and_threads(
     scene: Path, whole: Path, tmp_path: Path, shard: int, threads: int
 ) -> None:
-    other = collect(scene, tmp_path / "runs", threads=threads, **OPTIONS | {"shard": shard}).folder
+    other = collect(scene, tmp_path / "runs", threads=threads, **options(shard=shard)).folder
     if shard == OPTIONS["shard"]:
         assert contents(other) == contents(whole)
     for one, two in zip(table(whole), table(other), strict=True):
-        own, same = (read_log(folder / row["file"], 7).messages for folder, row in ((whole, one), (other, two))
-                     if row["world"] == "7") if one["world"] == "7" else ({}, {})  # fmt: skip
-        assert own == same
         assert {**one, "file": ""} == {**two, "file": ""}
+        if one["world"] == "7":
+            messages = [read_log(folder / row["file"], 7).messages for folder, row in ((whole, one), (other, two))]
+            assert messages[0] == messages[1]
 
 
 def test_more_worlds_and_fewer_variations_draw_the_same(scene: Path, whole: Path, tmp_path: Path) -> None:
-    changed = OPTIONS | {"worlds": 2, "seconds": 0.1, "vary": {"lump.yaw": VARY["lump.yaw"]}, "push": {}}
-    collect(scene, tmp_path / "runs", **changed)
+    few = {"worlds": 2, "seconds": 0.1, "vary": {"lump.yaw": VARY["lump.yaw"]}, "push": {}}
+    collect(scene, tmp_path / "runs", **options(**few))
     assert [row["lump.yaw"] for row in table(tmp_path / "runs")] == [row["lump.yaw"] for row in table(whole)[:2]]
 
 
 def test_a_collection_that_is_killed_goes_on_to_the_same_bytes(scene: Path, whole: Path, tmp_path: Path) -> None:
     """Killed ten times at random, and once with nothing left to do."""
     moments, out = random.Random(0), tmp_path / "runs"
-    kills = 0
-    while kills < 10:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "mjframes", *arguments(scene, out)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload(["mjframes.app.collect.run"])
+    for _ in range(10):
+        process = processes.Process(target=collect, args=(scene, out), kwargs=OPTIONS)
+        process.start()
         goal = len(list(out.glob("shard*"))) + moments.choice((0, 1))
-        while process.poll() is None and len(list(out.glob("[.p]*" if goal == 0 else "shard*"))) < max(1, goal):
+        while process.is_alive() and len(list(out.glob("shard*" if goal else "*.json"))) < max(1, goal):
             time.sleep(0.001)
         time.sleep(0.02 * moments.random())
-        process.send_signal(signal.SIGKILL)
-        _, told = process.communicate()
-        assert process.returncode in (0, -signal.SIGKILL), told
-        kills += 1
-        if process.returncode == 0:
+        process.kill()
+        process.join()
+        assert process.exitcode in (0, -signal.SIGKILL)
+        if process.exitcode == 0:
             shutil.rmtree(out)
     assert main(arguments(scene, out)) == 0
     assert contents(out) == contents(whole)
@@ -195,7 +196,7 @@ def test_another_collection_in_the_folder_is_refused(
 ) -> None:
     before = contents(whole)
     with pytest.raises(MjframesError, match=told):
-        collect(scene, whole, **OPTIONS | changed)
+        collect(scene, whole, **options(**changed))
     assert contents(whole) == before
 
 
@@ -230,18 +231,15 @@ def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> 
         ({"seconds": 0.05}, "seconds is 0.05, and a push takes 0.1 s"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_sentence(
-    scene: Path, tmp_path: Path, changed: dict[str, Any], told: str
-) -> None:
+def test_what_cannot_be_is_told_in_a_sentence(scene: Path, tmp_path: Path, changed: dict[str, Any], told: str) -> None:
     with pytest.raises(MjframesError, match=told):
-        collect(scene, tmp_path / "runs", **OPTIONS | changed)
+        collect(scene, tmp_path / "runs", **options(**changed))
     assert not (tmp_path / "runs").exists()
 
 
 def test_the_command_line_tells_of_bad_bounds(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for wrong in ("lump.x", "lump.x=1", "lump.x=a:b", "=1:2", "lump.x=1:inf"):
-        with pytest.raises(SystemExit):
-            main(["collect", str(scene), "--worlds", "2", "--out", str(tmp_path / "runs"), "--vary", wrong])
+        assert main(["collect", str(scene), "--worlds=2", "--out", str(tmp_path / "runs"), "--vary", wrong]) == 2
         assert f"{wrong!r} is not NAME=LOW:HIGH" in capsys.readouterr().err
     bad = ["collect", str(tmp_path / "no.xml"), "--worlds", "2", "--out", str(tmp_path / "runs")]
     assert main(bad) == 2
@@ -272,10 +270,10 @@ def test_mcaps_own_reader_finds_a_world_and_what_was_drawn_for_it(whole: Path) -
 
 def test_a_world_that_diverges_ends_there_alone(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
-    path.write_text("""<mujoco><worldbody><body name="rod"><joint name="j" damping="-3" axis="0 1 0"/>
+    path.write_text("""<mujoco><worldbody><body name="rod"><joint stiffness="1e8" axis="0 1 0"/>
         <geom size=".05" fromto="0 0 0 0 0 -1" type="capsule"/></body><body name="ball" pos="9 9 9"><freejoint/>
         <geom size=".05"/></body></worldbody></mujoco>""")
-    found = collect(path, tmp_path / "runs", worlds=4, seconds=4, push={"rod": (0, 900)}, shard=4)
+    found = collect(path, tmp_path / "runs", worlds=4, seconds=4, push={"rod": (1, 9)}, shard=4)
     rows = table(found.folder)
     assert found.ended == 4
     assert {row["ended"] for row in rows} <= {"BADQPOS", "BADQVEL", "BADQACC"}
@@ -285,8 +283,9 @@ def test_a_world_that_diverges_ends_there_alone(tmp_path: Path) -> None:
     assert np.isfinite(np.array([state["qpos"] for state in states])).all()
 
 
-@pytest.mark.parametrize("body", [lump(), block(frame_type=("rigid", "affine", "rigid")), block(frame_type="quadratic")])
-def test_a_start_that_is_moved_strains_nothing(body: SoftBody) -> None:
+@pytest.mark.parametrize("kind", ["lump", "mixed", "quadratic"])
+def test_a_start_that_is_moved_strains_nothing(kind: str) -> None:
+    body = lump() if kind == "lump" else block(frame_type=("rigid", "affine", "rigid") if kind == "mixed" else kind)
     spec = mujoco.MjSpec()
     attach(spec, body, "steak", pos=(0.1, 0.2, 0.3), quat=(0.9, 0.3, -0.2, 0.25))
     model = spec.compile()

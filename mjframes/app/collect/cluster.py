@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import os
+import socket
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjframes.app.collect.plan import Plan
@@ -9,6 +12,7 @@ from mjframes.app.collect.shard import shard_bytes
 from mjframes.base.errors import MjframesError
 
 RETRIES = 20  # [a shard] after its worker died
+PATIENCE = 10.0  # [s] for a cluster's first answer; Ray itself would wait for minutes
 AHEAD = 2  # [a processor] shards that are asked for at a time: their results wait in the cluster's memory
 
 
@@ -25,8 +29,10 @@ def on_cluster(
     except ImportError as error:
         raise MjframesError('a cluster needs ray, which is not installed; pip install "mjframes[ray]".') from error
     try:
-        ray.init(address, log_to_driver=False)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+        _knock(address)
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster started here sends nothing home
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
+    except (OSError, RuntimeError, ValueError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise MjframesError(f"ray is {address!r}: there is no cluster that answers ({reason}).") from error
     try:
@@ -42,6 +48,14 @@ def on_cluster(
             try:
                 yield running.pop(done[0]), ray.get(done[0])
             except ray.exceptions.RayError as error:
-                raise MjframesError(f"the cluster could not compute a shard ({str(error).splitlines()[-1]}).") from error
+                reason = str(error).splitlines()[-1]
+                raise MjframesError(f"the cluster could not compute a shard ({reason}).") from error
     finally:
         ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Raise OSError where nobody listens at an address that has a port."""
+    host, colon, port = address.rpartition("://")[2].rpartition(":")
+    if colon and port.isdecimal():
+        socket.create_connection((host.strip("[]"), int(port)), PATIENCE).close()

@@ -27,7 +27,7 @@ class Plan:
     """What is collected. Two equal ones give the same bytes.
 
     scene: digest of its files.  worlds: how many.  seconds: of each [s].
-    vary: what is drawn for each world, and between what bounds, see `variation`.  push: bodies and bounds of forces [N].
+    vary: what is drawn for each world, and its bounds, see `variation`.  push: bodies, and bounds of forces [N].
     control: one of CONTROLS.  rate: entries a simulated second [Hz].  seed: of all draws.  shard: worlds in a file.
     engine: versions of what steps.
     Raise MjframesError for what cannot be.

@@ -1,7 +1,8 @@
 """Pushes: a force of a tenth of a second on one place of a body, each world's own.
 
-Its size is drawn evenly between the bounds, its direction evenly on the sphere, its start evenly in the time that there
-is. A soft body is pushed at one of its contact vertices, by the control weights there; another one at its centre of mass.
+Its size is drawn evenly between the bounds, its direction evenly on the sphere, its start evenly in the time that
+there is. A soft body is pushed at one of its contact vertices, by the control weights there; another one at its centre
+of mass.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Collecting: shard after shard until all are there, and then the table. Killed at any time, it goes on where it was."""
+"""Collecting: shard after shard until all are there, then the table. Killed at any time, it goes on where it was."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from rich.progress import track
 
 from mjframes.app.collect.cluster import on_cluster
 from mjframes.app.collect.plan import Bounds, Plan, begin, digest
-from mjframes.app.collect.shard import shard_bytes, shard_path
-from mjframes.app.collect.worlds import Stepping
+from mjframes.app.collect.shard import shard_bytes, shard_path, stepping_of
 from mjframes.app.log.worlds import WORLD
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.scene.load import load_scene
-from mjframes.scene.packed import pack, unpack
+from mjframes.scene.packed import pack
 
 TABLE = "worlds.csv"
 PARTIAL = re.compile(r"\.[\w-]+\.(\d+)\.partial\.\w+")  # see `base.files.replacing`
@@ -79,7 +78,7 @@ def collect(
     files = pack(spec)
     pairs = [tuple(dict(some).items()) if isinstance(some, Mapping) else tuple(some) for some in (vary, push)]
     plan = Plan(digest(files), worlds, seconds, pairs[0], pairs[1], control, rate, seed, shard)
-    Stepping(plan, unpack(files, os.fspath(scene))).draw(0)
+    stepping_of(plan, files)  # what cannot be is told of before there is a folder
     folder = Path(out)
     begin(plan, folder)
     _clear(folder)

@@ -1,7 +1,7 @@
 """A shard: the log of some worlds in one MCAP file, world after world, so that a reader finds each at once.
 
-Topics: /world_42/state (time, qpos, qvel, act, ctrl) and /world_42/sensors, where there are sensors. Records of metadata
-say what was drawn for each world. The scene is attached as in the log of a run.
+Topics: /world_42/state (time, qpos, qvel, act, ctrl) and /world_42/sensors, where there are sensors. Records of
+metadata say what was drawn for each world. The scene is attached as in the log of a run.
 """
 
 from __future__ import annotations
@@ -35,13 +35,17 @@ def shard_bytes(plan: Plan, files: Mapping[str, bytes], number: int, threads: in
 
     files: of the packed scene.  threads: 0 for one a processor.  Raise MjframesError as `worlds.Stepping` does.
     """
-    stepping, worlds = _stepping(plan, tuple(sorted(files.items()))), plan.of_shard(number)
+    stepping, worlds = stepping_of(plan, files), plan.of_shard(number)
     return _written(stepping.model, files, worlds, stepping.run(worlds, threads))
+
+
+def stepping_of(plan: Plan, files: Mapping[str, bytes]) -> Stepping:
+    """Return the plan's scene, kept for the next shard; raises what `worlds.Stepping` does."""
+    return _stepping(plan, tuple(sorted(files.items())))
 
 
 @lru_cache(maxsize=1)
 def _stepping(plan: Plan, files: tuple[tuple[str, bytes], ...]) -> Stepping:
-    """Kept for the next shard: a scene takes a second to compile."""
     return Stepping(plan, unpack(dict(files), "the scene"))
 
 

@@ -4,8 +4,8 @@
     x, y, z            [m] by which the body starts elsewhere, along the world's axes
     roll, pitch, yaw   [degrees] by which it starts turned, about the world's x, then y, then z, through its centre
 
-Factors are drawn evenly in their logarithm, the others evenly. Each draw depends on the seed, the world and its own name
-alone: neither more worlds nor more variations change the others.
+Factors are drawn evenly in their logarithm, the others evenly. Each draw depends on the seed, the world and its own
+name alone: neither more worlds nor more variations change the others.
 """
 
 from __future__ import annotations

@@ -16,13 +16,14 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from mjframes.app.collect.plan import Plan
-from mjframes.app.collect.push import LENGTH, Push, pushes
+from mjframes.app.collect.push import LENGTH, pushes
 from mjframes.app.collect.variation import Varied, stream, variations
 from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings, sentence
 
 HOLD = 0.1  # [s] that a random control lasts
 CONTROLS = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+NUMBER = 1  # of a warning's counters: how often
 ERROR = "ERROR"  # why a world ended, where MuJoCo gives no warning
 
 
@@ -100,13 +101,11 @@ class Stepping:
             given = inputs.during(going, span)
             kept["ctrl"][going, tick] = given[:, 0, : model.nu]
             sensed = np.zeros((len(going), len(span), model.nsensordata))
-            with suppress(SimulationError):  # of which `status` tells
-                batch.rollout(
-                    len(span), given, CONTROLS, record=("sensordata",), ids=going, out={"sensordata": sensed}
-                )
+            with mujoco_warnings(), suppress(SimulationError):  # `warning` and `status` tell of both
+                batch.rollout(len(span), given, CONTROLS, record=("sensordata",), ids=going, out={"sensordata": sensed})
             kept["sensors"][going, tick] = sensed[:, 0]
             for world in going.tolist():
-                if (found := batch.warning[world] != 0).any():
+                if (found := batch.warning[world, :, NUMBER] != 0).any():
                     ended[world] = mujoco.mjtWarning(int(np.argmax(found))).name.removeprefix("mjWARN_")
                 elif batch.status[world]:
                     ended[world] = ERROR

@@ -68,8 +68,8 @@ class Logged:
 def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
     """Return the numbers and files of a log, as far as it was written.
 
-    world: which, of a log of many: its topics are told as those of a log of it alone, what was drawn for it is in `about`.
-    Raise MjframesError for a file that cannot be read, is damaged or is no log of ours, and for a world that is not there.
+    world: which, of a log of many: its topics are as in a log of it alone, and what was drawn for it is in `about`.
+    Raise MjframesError for a file that cannot be read, is damaged or is no log of ours, and where it has no such world.
     """
     from mcap.exceptions import McapError
     from mcap.records import Attachment, Channel, Message, Metadata
@@ -95,9 +95,7 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
                         messages[topics[record.channel_id]].append(json.loads(record.data))
                     elif isinstance(record, Attachment):
                         files[record.name] = record.data
-                    elif isinstance(record, Metadata) and record.name == METADATA:
-                        about |= record.metadata
-                    elif isinstance(record, Metadata) and record.name == WORLD and record.metadata[WORLD] == str(world):
+                    elif isinstance(record, Metadata) and _concerns(record.name, record.metadata, world):
                         about |= record.metadata
                 whole = True
             except (McapError, ValueError, struct.error, ZstdError) as error:
@@ -112,6 +110,9 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
     if world is not None and world not in worlds:
         known = f"those of {min(worlds)} to {max(worlds)}" if worlds else "none, it is of one run"
         raise MjframesError(f"{path}: world is {world}, but the log has {known}.")
-    return Logged(
-        os.fspath(path), dict(messages), files, about, whole, tuple(sorted(worlds)) if world is None else ()
-    )
+    return Logged(os.fspath(path), dict(messages), files, about, whole, tuple(sorted(worlds)) if world is None else ())
+
+
+def _concerns(name: str, metadata: Mapping[str, str], world: int | None) -> bool:
+    """Whether metadata are of the run, or of the world that is chosen."""
+    return name == METADATA or (name == WORLD and metadata[WORLD] == str(world))
