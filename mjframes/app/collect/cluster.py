@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import os
 import socket
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.shard import shard_bytes
@@ -25,7 +27,7 @@ def on_cluster(
     Raise MjframesError where Ray is not installed or the cluster cannot be reached.
     """
     try:
-        import ray
+        ray: Any = importlib.import_module("ray")  # in no other extra, so unknown to type checkers
     except ImportError as error:
         raise MjframesError('a cluster needs ray, which is not installed; pip install "mjframes[ray]".') from error
     try:

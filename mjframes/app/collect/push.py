@@ -98,7 +98,7 @@ def _vertex_weights(view: Soft) -> np.ndarray:
         decode(view.configuration[f"patch_{key}"]) for key in ("size", "clusters", "cluster_size", "point", "weight")
     )
     sizes, clusters = sizes.astype(int), clusters.astype(int)
-    vertices = [int(some.sum()) for some in np.split(counts, np.cumsum(clusters)[:-1])]
+    vertices = [int(some.sum()) for some in np.split(counts, np.cumsum(clusters)[:-1].astype(int))]
     found = np.zeros((len(view.bodies), sum(vertices)))
     of_patch = np.split(points.astype(int), np.cumsum(sizes)[:-1])
     blocks = np.split(weights, np.cumsum(sizes * vertices)[:-1])
