@@ -3,6 +3,7 @@
 #   make test          all tests, on the MuJoCo that dm_control supports
 #   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
 #   make bench         steps per second and precomputation times
+#   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
 #   make lint          what CI and pre-commit hold the code to
 
@@ -20,7 +21,7 @@ define draw
 MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.app.doctor import working_backend as w; print(w() or "")')
 endef
 
-.PHONY: demo test test-mujoco4 bench report lint format clean
+.PHONY: demo test test-mujoco4 bench bench-worlds report lint format clean
 
 demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
@@ -33,6 +34,9 @@ test-mujoco4: $(VENV4)/installed
 
 bench: $(VENV)/installed
 	$(VENV)/bin/mjframes bench
+
+bench-worlds: $(VENV)/installed $(VENV4)/installed
+	$(VENV)/bin/mjframes bench --worlds --mujoco4 $(VENV4)/bin/python
 
 report: $(VENV)/installed $(VENV4)/installed
 	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python

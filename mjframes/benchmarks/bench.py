@@ -179,7 +179,7 @@ class Run:
 def main() -> None:
     """Measure, print tables, and write every number to out/bench.csv."""
     os.environ[SWITCH] = "0"  # stages that were kept from an earlier run would flatter the times
-    console = _console()
+    console = screen()
     rows: list[tuple[object, ...]] = [("machine", "", "", name, text, "") for name, text in machine().items()]
     for _, _, _, name, text, _ in rows:
         console.print(f"{name:9}  {text}", highlight=False)
@@ -188,20 +188,20 @@ def main() -> None:
 
     sizes = [size for papers in PAPER for size in (Size(papers.frames), papers)]
     bodies, buildings = measure_builds(volume, sizes, BUILDS)
-    _show(console, build_table(buildings[::2]))
-    _show(console, build_table(buildings[1::2]))
+    show(console, build_table(buildings[::2]))
+    show(console, build_table(buildings[1::2]))
     runs = [run for body, size in zip(bodies, sizes, strict=True) for run in prepare_runs(body, volume, size, STEPS)]
     speeds = measure_steps(runs, ROUNDS, STEPS)
-    _show(console, step_table(speeds), STEP_NOTE)
+    show(console, step_table(speeds), STEP_NOTE)
     profiles = {size: measure_profile([run for run in runs if run.size == size], ROUNDS, STEPS) for size in sizes}
-    _show(console, profile_table(profiles), PROFILE_NOTE)
+    show(console, profile_table(profiles), PROFILE_NOTE)
 
     costs = [measure_cost(volume, sizes[0], law, ROUNDS, STEPS) for law in LAWS]
-    _show(console, cost_table(costs), COST_NOTE)
+    show(console, cost_table(costs), COST_NOTE)
 
     with tempfile.TemporaryDirectory() as folder:
         large = list(measure(standard_jobs(folder)))
-    _show(console, large_table(large), LARGE_NOTE)
+    show(console, large_table(large), LARGE_NOTE)
 
     rows += [("large", m.job.frames, m.job.samples, f"{m.cells} cells", m.seconds, "s") for m in large]
     rows += [("rate", m.job.frames, m.job.samples, f"{m.voxels} voxels", m.rate, "1/s") for m in large]
@@ -223,7 +223,7 @@ def main() -> None:
 
 def main_of_file(source: str, count: int | None, frames: Sequence[int]) -> None:
     """Print the row of Table 2 for a mesh in a grid of `count` cells, or for a volume of `count` voxels."""
-    _show(_console(), large_table(list(measure(jobs_of(source, count, frames)))), LARGE_NOTE)
+    show(screen(), large_table(list(measure(jobs_of(source, count, frames)))), LARGE_NOTE)
 
 
 def main_of_growth(picture: str) -> None:
@@ -232,13 +232,13 @@ def main_of_growth(picture: str) -> None:
         ring = ring_file(folder)
         measured = list(measure([Job(ring, cells, 10) for cells in GROWTH]))
     draw_growth(measured, picture)
-    _show(_console(), large_table(measured), f"{LARGE_NOTE}\n{picture} shows them.")
+    show(screen(), large_table(measured), f"{LARGE_NOTE}\n{picture} shows them.")
 
 
 def large_table(measured: Sequence[Measured]) -> Table:
     """Return the table with one row a body."""
     columns = ("cells", "voxels", "seconds", "voxels/s", "processor seconds", "bytes a cell", "the paper's seconds")
-    table = _table("Precomputation of large volumes, from the file to the saved body", *columns)
+    table = table_of("Precomputation of large volumes, from the file to the saved body", *columns)
     for m in measured:
         table.add_row(
             f"{Path(m.job.source).stem}, {Size(m.job.frames, m.job.samples)}",
@@ -328,7 +328,7 @@ def measure_profile(runs: Sequence[Run], rounds: int, steps: int) -> dict[str, f
 
 def build_table(buildings: Sequence[Building]) -> Table:
     """Return the seconds of each stage, one column a size."""
-    table = _table(
+    table = table_of(
         "Precomputation, seconds, with the kernels compiled", *(str(building.size) for building in buildings)
     )
     for stage in buildings[0].stages:
@@ -343,7 +343,7 @@ def step_table(speeds: Sequence[Speed]) -> Table:
     step = {(speed.size, speed.name): speed.step for speed in speeds}
     columns = ("contacts", "iterations", "µs a step", "steps/s", "× real time", "× bodies", "× paper's method")
     columns += ("the paper's frames/s",)
-    table = _table(f"Steps of {TIMESTEP * 1e3:g} ms on one core", *columns)
+    table = table_of(f"Steps of {TIMESTEP * 1e3:g} ms on one core", *columns)
     for speed in speeds:
         if speed.name == SOFT:
             table.add_row(f"{speed.size}, {speed.dofs} degrees of freedom", style="bold")
@@ -366,7 +366,7 @@ def step_table(speeds: Sequence[Speed]) -> Table:
 
 def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
     """Return percentages, one column a size."""
-    table = _table(f"Where the step of {SOFT} goes, percent", *map(str, profiles))
+    table = table_of(f"Where the step of {SOFT} goes, percent", *map(str, profiles))
     for part in (*PARTS, CONTACTS):
         cells = (f"{100 * shares[part]:.0f}" for shares in profiles.values())
         table.add_row(part, *cells, style="bold" if part == CONTACTS else "")
@@ -376,7 +376,7 @@ def profile_table(profiles: dict[Size, dict[str, float]]) -> Table:
 def cost_table(costs: Sequence[Cost]) -> Table:
     """Return what elasticity adds to the same bodies, one row a law."""
     columns = ("points a region", "µs, contact", "elasticity, µs", "× MuJoCo's", "× without elasticity")
-    table = _table(f"Cost over the bodies alone, {costs[0].speeds[0].size}", *columns)
+    table = table_of(f"Cost over the bodies alone, {costs[0].speeds[0].size}", *columns)
     for cost in costs:
         table.add_row(
             cost.law,
@@ -462,14 +462,16 @@ def _processor() -> str:
     return names[0] if names else platform.processor() or "unknown"
 
 
-def _console() -> Console:
+def screen() -> Console:
+    """Return where tables are printed."""
     console = Console()
     if not console.is_terminal:
         console.width = 160  # tables are as wide as they need; a pipe's 80 columns would break them
     return console
 
 
-def _show(console: Console, table: Table, note: str = "") -> None:
+def show(console: Console, table: Table, note: str = "") -> None:
+    """Print a table, and what is to be said of it."""
     console.print()
     console.print(table)
     if note:
@@ -481,7 +483,8 @@ def _papers(size: Size) -> tuple[Size, tuple[float, float]] | None:
     return next((entry for entry in PAPER.items() if entry[0].frames == size.frames), None)
 
 
-def _table(title: str, *columns: str) -> Table:
+def table_of(title: str, *columns: str) -> Table:
+    """Return a table without rows; its first column has no name."""
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     table.add_column("")
     for column in columns:

@@ -230,6 +230,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
     command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
     command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
+    command.add_argument("--worlds", action="store_true", help="only what many worlds side by side cost")
+    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for --worlds beside flex")
 
     command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
     command.set_defaults(command=functions["report"])

@@ -346,6 +346,13 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 def bench(arguments: argparse.Namespace) -> int:
     """Measure precomputation and steps."""
+    if arguments.mujoco4 and not arguments.worlds:
+        raise MjframesError("--mujoco4 is of --worlds, whose flex it steps; give that as well, or leave it out.")
+    if arguments.worlds:
+        from mjframes.benchmarks.worlds import main as measure_worlds
+
+        measure_worlds(arguments.mujoco4)
+        return 0
     from mjframes.benchmarks import bench as benchmark
 
     if arguments.growth:

@@ -73,6 +73,11 @@ class FlexContender:
     def seconds_to_rest(self) -> float:
         return self._ask("rest", timestep=self.timestep, steps=self.steps)["seconds"]
 
+    def batch_rate(self, worlds: int, threads: int, least: int) -> tuple[float, float]:
+        """Return world-steps of 2 ms a second under the load, as `side_by_side.batch_rate`."""
+        answer = self._ask("worlds", worlds=worlds, threads=threads, least=least)
+        return answer["wall"], answer["processor"]
+
     def release(self, timestep: float, steps: int) -> Array:
         return np.array(self._ask("release", timestep=timestep, steps=steps)["history"])
 

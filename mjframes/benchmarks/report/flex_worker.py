@@ -21,7 +21,8 @@ import mujoco
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from equilibrium import release, seconds_per_step, seconds_to_rest, settle
+from equilibrium import TIMED_STEP, release, seconds_per_step, seconds_to_rest, settle
+from side_by_side import batch_rate, integration_state
 
 POINTS = 3  # [a voxel and axis] Gauss's points of its stiffness
 ORDER = {"full": 1, "trilinear": 1, "quadratic": 2}
@@ -249,6 +250,15 @@ def respond(order: dict[str, Any], flexes: dict[int, Flex]) -> dict[str, Any]:
             flex = flexes[order["id"]]
             push = partial(flex.apply, flex.job["load"])
             return {"seconds": seconds_to_rest(flex.model, flex.data, push, order["steps"], order["timestep"])}
+        case "worlds":
+            flex = flexes[order["id"]]
+            flex.model.opt.timestep = TIMED_STEP
+            mujoco.mj_resetData(flex.model, flex.data)
+            mujoco.mj_forward(flex.model, flex.data)
+            flex.apply(flex.job["load"])
+            start = integration_state(flex.model, flex.data)
+            wall, processor = batch_rate(flex.model, start, order["worlds"], order["threads"], order["least"])
+            return {"wall": wall, "processor": processor}
         case "release":
             flex = flexes[order["id"]]
             quantity = lambda: float(np.sum(flex.job["goal"] * flex.field()))  # noqa: E731

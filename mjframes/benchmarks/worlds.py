@@ -1,0 +1,301 @@
+"""What many worlds cost: `mjframes bench --worlds`, `make bench-worlds`.
+
+The steak of three frames lies on the edge of a box, each world with a stiffness of its own, stepped by `mujoco.batch`:
+world-steps a second, beside one world stepped alone; whether each world is the single run of its stiffness, bit by bit;
+memory, beside the same bodies without the plugin with as many contacts. Then the report's steak, pulled, beside
+MuJoCo's flex of quadratic cells, as many as it takes to be as exact.
+"""
+
+from __future__ import annotations
+
+import copy
+import csv
+import gc
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import median
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from rich.table import Table
+
+from mjframes.base.errors import MjframesError
+from mjframes.base.files import replacing
+from mjframes.benchmarks.bench import SOFT, SPHERES, VOLUME, Size, machine, prepare_runs, screen, show, table_of
+from mjframes.benchmarks.report.cases import STEAK, Case
+from mjframes.benchmarks.report.cases import steak as pulled_steak
+from mjframes.benchmarks.report.contenders import Setting, solved
+from mjframes.benchmarks.report.equilibrium import TIMED_STEP
+from mjframes.benchmarks.report.flex import FlexProcess, flex_settings
+from mjframes.benchmarks.report.reference import refined
+from mjframes.benchmarks.report.side_by_side import batch_rate, integration_state, single_rate
+from mjframes.body.build import build
+from mjframes.scene import plugin
+from mjframes.volume.volume import Volume
+
+OUTPUT = Path("out") / "bench-worlds.csv"
+FRAMES = 3
+SETTLED = 150  # steps after which it lies on the box
+CONTACTS = 200  # steps over which the bodies without plugin have as many contacts
+WORLDS = (1, 16, 256, 1024, 4096)
+THREADS = (1, 2)
+FACTORS = (0.5, 2.0)  # of stiffness: the worlds' are spread between
+LEAST = 20_000  # world-steps that a rate is taken of
+ROUNDS = 3  # of which the median is taken
+COMPARED, COMPARED_STEPS = 1000, 20  # worlds whose bits are compared, and for how many steps
+HELD = 1000  # mjDatas, or worlds, whose memory is measured
+FLEX_WORLDS, FLEX_LEAST = 64, 500
+
+# env-steps/s of Isaac Lab's Isaac-Lift-Soft-Franka, a Franka that lifts a soft block, 4 September 2026 or before:
+# https://github.com/newton-physics/newton/issues/4141
+PUBLISHED = (
+    ("Isaac Lab 3.0, PhysX, 1,024 envs", "RTX 5090", 18_622),
+    ("Isaac Lab 3.0, Newton (MJWarp and VBD), 4,096 envs", "RTX 5090", 11_808),
+)
+
+RATE_NOTE = """\
+× threads: world-steps a second over those of one world stepped alone, times the threads; by wall time, and by the time
+that processors spend on it, which a busy machine does not change."""
+MEMORY_NOTE = f"""\
+Growth of the resident size by {HELD} of them after some steps with contacts, in a process of their own.
+"{SPHERES}": the same bodies without the plugin, with as many contacts: MuJoCo's own."""
+FLEX_NOTE = "Each in the coarsest way that is as exact as the frames; steps of 2 ms, no contact, from rest."
+
+
+@dataclass(frozen=True)
+class Rate:
+    """World-steps a second of so many worlds on so many threads, and those of one world alone at the same time.
+
+    wall, processor: a second of each.  alone, alone_processor: of one world.
+    """
+
+    worlds: int
+    threads: int
+    wall: float
+    processor: float
+    alone: float
+    alone_processor: float
+
+    @property
+    def efficiency(self) -> float:
+        """Return the share of threads times one world alone [-]."""
+        return self.wall / (self.threads * self.alone)
+
+    @property
+    def processor_efficiency(self) -> float:
+        """Return the same by processor time [-]."""
+        return self.processor / self.alone_processor
+
+
+def main(mujoco4: str | None) -> None:
+    """Measure, print tables, and write every number to out/bench-worlds.csv.
+
+    mujoco4: a Python that has MuJoCo 4.0.0, for flex; None leaves flex out.
+    """
+    console = screen()
+    for name, text in machine().items():
+        console.print(f"{name:9}  {text}", highlight=False)
+    volume = Volume.load(VOLUME)
+    runs = {run.name: run for run in prepare_runs(build(volume, FRAMES), volume, Size(FRAMES), CONTACTS)}
+    models = {name: runs[name].model for name in (SOFT, SPHERES)}
+    start = lying(models[SOFT])
+    rates = list(measure_rates(models[SOFT], start, WORLDS, THREADS, LEAST))
+    show(console, rate_table(rates), RATE_NOTE)
+    different = [differences(models[SOFT], start, COMPARED, threads, COMPARED_STEPS) for threads in THREADS]
+    for threads, count in zip(THREADS, different, strict=True):
+        console.print(f"{count} of {COMPARED:,} worlds differ from single runs of their stiffness, {threads} threads")
+    memories = measure_memory(models)
+    show(console, memory_table(memories), MEMORY_NOTE)
+    rows: list[tuple[object, ...]] = [("machine", "", "", name, text, "") for name, text in machine().items()]
+    rows += [("rate", r.worlds, r.threads, "wall", r.wall, "1/s") for r in rates]
+    rows += [("rate", r.worlds, r.threads, "processor", r.processor, "1/s") for r in rates]
+    rows += [("alone", r.worlds, r.threads, "wall", r.alone, "1/s") for r in rates]
+    rows += [("alone", r.worlds, r.threads, "processor", r.alone_processor, "1/s") for r in rates]
+    rows += [("differ", COMPARED, threads, "", count, "1") for threads, count in zip(THREADS, different, strict=True)]
+    rows += [("memory", HELD, "", f"{name}, {way}", size, "byte") for (name, way), size in memories.items()]
+    if mujoco4:
+        beside = measure_flex(pulled_steak(STEAK), mujoco4)
+        show(console, flex_table(beside), FLEX_NOTE)
+        rows += [("flex", FLEX_WORLDS, 1, f"{one.name}, {key}", value, unit) for one in beside
+                 for key, value, unit in (("error", one.error, "1"), ("rate", one.processor, "1/s"))]  # fmt: skip
+    with replacing(OUTPUT, "the table") as partial_path, partial_path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([("table", "worlds", "threads", "row", "value", "unit"), *rows])
+    console.print(f"\n{OUTPUT} holds all of these numbers.", highlight=False)
+
+
+def lying(model: mujoco.MjModel) -> np.ndarray:
+    """Return the state in which the steak lies on the edge of the box."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=SETTLED)
+    return integration_state(model, data)
+
+
+def stiffnesses(model: mujoco.MjModel, worlds: int) -> np.ndarray:
+    """Return `numeric_data` (worlds, nnumericdata) of worlds whose one soft body is each as stiff as no other."""
+    (numeric,) = [i for i in range(model.nnumeric) if model.numeric(i).name.endswith(":stiffness")]
+    found = np.tile(model.numeric_data, (worlds, 1))
+    address = int(model.numeric_adr[numeric])
+    found[:, address : address + int(model.numeric_size[numeric])] = np.geomspace(*FACTORS, worlds)[:, None]
+    return found
+
+
+def measure_rates(
+    model: mujoco.MjModel, start: np.ndarray, worlds: Sequence[int], threads: Sequence[int], least: int
+) -> Iterator[Rate]:
+    """Yield the medians of rates that are taken in turns with those of one world alone."""
+    for count in worlds:
+        numerics = stiffnesses(model, count)
+        single = copy.copy(model)
+        single.numeric_data[:] = numerics[count // 2]
+        for some in threads:
+            pairs = [
+                (batch_rate(model, start, count, some, least, numerics), single_rate(single, start, least // 4))
+                for _ in range(ROUNDS)
+            ]
+            (wall, processor), (alone, alone_processor) = np.median(pairs, axis=0)
+            yield Rate(count, some, wall, processor, alone, alone_processor)
+
+
+def differences(model: mujoco.MjModel, start: np.ndarray, worlds: int, threads: int, steps: int) -> int:
+    """Return how many worlds of one batch end in other bits than a single run with their stiffness."""
+    numerics = stiffnesses(model, worlds)
+    batch = Batch(model, worlds, threads)
+    batch.expand("numeric_data")[:] = numerics
+    batch.state[:] = start
+    for _ in range(steps):
+        batch.step()
+    single, found = copy.copy(model), 0
+    data = mujoco.MjData(single)
+    for row, numeric in zip(batch.state, numerics, strict=True):
+        single.numeric_data[:] = numeric
+        mujoco.mj_setState(single, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_step(single, data, nstep=steps)
+        found += not np.array_equal(row, integration_state(single, data))
+    return found
+
+
+def measure_memory(models: dict[str, mujoco.MjModel]) -> dict[tuple[str, str], float]:
+    """Return bytes of an mjData, and of a world of a batch, of each model."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (name, model) in enumerate(models.items()):
+            path = str(Path(folder) / f"{number}.mjb")
+            mujoco.mj_saveModel(model, path)
+            for way in ("mjData", "world of a batch"):
+                with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+                    found[name, way] = pool.submit(_grown, path, way == "mjData").result()
+    return found
+
+
+def _grown(path: str, alone: bool) -> float:
+    """Bytes by which this process grows with each mjData, or world of a batch, of a binary model."""
+    plugin.load()
+    model = mujoco.MjModel.from_binary_path(path)
+    warm = mujoco.MjData(model)  # what all of a model share
+    mujoco.mj_step(model, warm, nstep=SETTLED)
+    state = integration_state(model, warm)
+    gc.collect()
+    before = _resident()
+    held: list[object] = []
+    if alone:
+        for _ in range(HELD):
+            data = mujoco.MjData(model)
+            mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+            mujoco.mj_step(model, data, nstep=3)
+            held.append(data)
+    else:
+        batch = Batch(model, HELD, 1)
+        batch.state[:] = state
+        if model.nnumeric:
+            batch.expand("numeric_data")
+        batch.step(nstep=3)
+        held.append(batch)
+    return (_resident() - before) / HELD
+
+
+def _resident() -> int:
+    """Bytes of this process that are in memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096
+
+
+@dataclass(frozen=True)
+class Beside:
+    """One way to make the pulled steak.
+
+    error: relative L2 of the displacements.  wall, processor: world-steps a second on one thread.
+    """
+
+    name: str
+    dofs: int
+    error: float
+    wall: float
+    processor: float
+
+
+def measure_flex(case: Case, python: str) -> list[Beside]:
+    """Return frames, and quadratic flex of the fewest cells that are as exact, or of the most that come to rest."""
+    known = refined(case)
+    size = np.linalg.norm(known.moved)
+    mine = solved(case, Setting(FRAMES), known.load)
+    error = float(np.linalg.norm(mine.moved - known.moved) / size)
+    model = mine.simulation.model
+    model.opt.timestep = TIMED_STEP
+    mujoco.mj_resetData(model, mine.simulation.data)
+    mujoco.mj_forward(model, mine.simulation.data)
+    mine.push()
+    start = integration_state(model, mine.simulation.data)
+    rates = [batch_rate(model, start, FLEX_WORLDS, 1, 40 * FLEX_LEAST) for _ in range(ROUNDS)]
+    found = [Beside(f"{FRAMES} frames", mine.dofs, error, *(median(some) for some in zip(*rates, strict=True)))]
+    with FlexProcess(python) as flex:
+        for setting in flex_settings(case, quick=False):
+            if setting.dof != "quadratic":
+                continue
+            try:
+                one = flex.solved(case, setting, known.load)
+            except MjframesError:
+                continue
+            away = float(np.linalg.norm(one.moved - known.moved) / size)
+            rate = partial(one.batch_rate, FLEX_WORLDS, 1, FLEX_LEAST)
+            rates = [rate() for _ in range(ROUNDS)]
+            beside = (median(some) for some in zip(*rates, strict=True))
+            found.append(Beside(f"flex quadratic, {one.name}", one.dofs, away, *beside))
+            if away <= error:
+                break
+    return found
+
+
+def rate_table(rates: Sequence[Rate]) -> Table:
+    """Return one row for each number of worlds and threads."""
+    columns = ("threads", "world-steps/s", "× threads", "a processor second", "× threads")
+    table = table_of(f"Steps of worlds side by side, steak of {FRAMES} frames in contact", *columns)
+    for r in rates:
+        table.add_row(f"{r.worlds:,} worlds", str(r.threads), f"{r.wall:,.0f}", f"{r.efficiency:.2f}",
+                      f"{r.processor:,.0f}", f"{r.processor_efficiency:.2f}")  # fmt: skip
+    return table
+
+
+def memory_table(memories: dict[tuple[str, str], float]) -> Table:
+    """Return the bytes of each, and what is beyond MuJoCo's own."""
+    table = table_of("Memory, kB", "soft body", "MuJoCo's own", "beyond it")
+    for way in dict.fromkeys(way for _, way in memories):
+        own, bare = memories[SOFT, way] / 1e3, memories[SPHERES, way] / 1e3
+        table.add_row(way, f"{own:.1f}", f"{bare:.1f}", f"{own - bare:.1f}")
+    return table
+
+
+def flex_table(beside: Sequence[Beside]) -> Table:
+    """Return one row for frames and each flex."""
+    columns = ("degrees of freedom", "error", "world-steps/s, one thread", "a processor second", "× slower")
+    table = table_of(f"The steak, pulled, {FLEX_WORLDS} worlds, beside MuJoCo's flex", *columns)
+    for one in beside:
+        ratio = f"{beside[0].processor / one.processor:.1f}"
+        table.add_row(one.name, str(one.dofs), f"{100 * one.error:.1f} %", f"{one.wall:,.0f}", f"{one.processor:,.0f}",
+                      ratio)  # fmt: skip
+    return table
