@@ -225,6 +225,7 @@ def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> 
         ({"vary": [("lump.x", (0, 1)), ("lump.x", (0, 2))]}, "vary has 'lump.x' twice"),
         ({"vary": {"ball.stiffness": (1, 2)}}, "name is 'ball' but the soft bodies that the model can scale are"),
         ({"vary": {"arm.x": (0, 1)}}, "'arm' is no soft body and no body on a free joint; .*: 'lump', 'ball'"),
+        ({"vary": "lump"}, "vary is 'lump'; give bounds by name"),
         ({"push": {"steak": (0, 1)}}, "push has 'steak', which does not move; what does is: 'lump', 'ball', 'arm'"),
         ({"push": {"lump": (-1, 1)}}, "push of 'lump' goes from -1 N"),
         ({"push": {"lump": (0, np.inf)}}, "push of 'lump' is .*; give two numbers"),

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from mjframes.app.collect.plan import Bounds
-from mjframes.app.collect.variation import checked, stream
+from mjframes.app.collect.variation import stream
 from mjframes.base.errors import MjframesError
 from mjframes.scene.plugin_text import decode
 from mjframes.scene.view import Soft, soft, soft_names
@@ -70,23 +70,24 @@ def pushes(
 ) -> tuple[Push, ...]:
     """Return the pushes that are asked for; data: what they are reckoned in.
 
-    Raise MjframesError for bodies that are not there or do not move, bounds that are none, what is asked for twice, and
-    where there is no time for a push.
+    Raise MjframesError for bodies that are not there or do not move, forces below 0, what is asked for twice, and where
+    there is no time for a push.
     """
     found: dict[str, Push] = {}
     for name, bounds in wanted:
-        low, high = checked(bounds, f"push of {name!r}")
-        if low < 0:
-            raise MjframesError(f"push of {name!r} goes from {low:g} N; directions are random, give sizes from 0 on.")
+        if bounds[0] < 0:
+            raise MjframesError(
+                f"push of {name!r} goes from {bounds[0]:g} N; directions are random, give sizes from 0 on."
+            )
         if name in found:
             raise MjframesError(f"push has {name!r} twice; leave one of them out.")
         if seconds < LENGTH:
             raise MjframesError(f"seconds is {seconds:g}, and a push takes {LENGTH:g} s; give more, or leave push out.")
         if name in soft_names(model):
             view = soft(model, data, name)
-            found[name] = Push(name, (low, high), -1, view, _vertex_weights(view))
+            found[name] = Push(name, bounds, -1, view, _vertex_weights(view))
         else:
-            found[name] = Push(name, (low, high), _moving_body(model, name), None, np.zeros((0, 0)))
+            found[name] = Push(name, bounds, _moving_body(model, name), None, np.zeros((0, 0)))
     return tuple(found.values())
 
 
@@ -101,7 +102,7 @@ def _vertex_weights(view: Soft) -> np.ndarray:
     vertices = [int(some.sum()) for some in np.split(counts, np.cumsum(clusters)[:-1].astype(int))]
     found = np.zeros((len(view.bodies), sum(vertices)))
     of_patch = np.split(points.astype(int), np.cumsum(sizes)[:-1])
-    blocks = np.split(weights, np.cumsum(sizes * vertices)[:-1])
+    blocks = np.split(weights, np.cumsum(sizes * np.array(vertices))[:-1].astype(int))
     ends = np.cumsum(vertices).tolist()
     for own, block, count, end in zip(of_patch, blocks, vertices, ends, strict=True):
         found[own, end - count : end] = block.reshape(len(own), count)

@@ -18,6 +18,7 @@ from rich.progress import track
 from mjframes.app.collect.cluster import on_cluster
 from mjframes.app.collect.plan import Bounds, Plan, begin, digest
 from mjframes.app.collect.shard import shard_bytes, shard_path, stepping_of
+from mjframes.app.collect.variation import checked
 from mjframes.app.log.worlds import WORLD
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
@@ -76,8 +77,8 @@ def collect(
     _check_packages()
     _, spec = load_scene(scene)
     files = pack(spec)
-    pairs = [tuple(dict(some).items()) if isinstance(some, Mapping) else tuple(some) for some in (vary, push)]
-    plan = Plan(digest(files), worlds, seconds, pairs[0], pairs[1], control, rate, seed, shard)
+    bounds = _bounds_by_name(vary, "vary"), _bounds_by_name(push, "push")
+    plan = Plan(digest(files), worlds, seconds, *bounds, control, rate, seed, shard)
     stepping_of(plan, files)  # what cannot be is told of before there is a folder
     folder = Path(out)
     begin(plan, folder)
@@ -97,6 +98,13 @@ def collect(
     rows = [row | {"file": path.name} for path in paths for row in _rows(path)]
     _write_table(folder / TABLE, rows)
     return Collection(folder, len(rows), paths, sum(bool(row["ended"]) for row in rows))
+
+
+def _bounds_by_name(given: object, what: str) -> tuple[tuple[str, Bounds], ...]:
+    pairs = list(given.items()) if isinstance(given, Mapping) else given
+    if not isinstance(pairs, Sequence) or not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in pairs):
+        raise MjframesError(f"{what} is {given!r}; give bounds by name, as {{'steak.stiffness': (0.5, 2)}}.")
+    return tuple((str(name), checked(bounds, f"{what} of {str(name)!r}")) for name, bounds in pairs)
 
 
 def _check_packages() -> None:

@@ -23,6 +23,7 @@ from mjframes.scene.load import mujoco_warnings, sentence
 
 HOLD = 0.1  # [s] that a random control lasts
 CONTROLS = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+MOST_STEPS = 100  # a call of the batch: what is put on worlds in each of them is in memory
 NUMBER = 1  # of a warning's counters: how often
 ERROR = "ERROR"  # why a world ended, where MuJoCo gives no warning
 
@@ -95,21 +96,30 @@ class Stepping:
         kept = {name: np.zeros((n, len(ticks), size)) for name, size in sizes.items()}
         count, ended, going = np.zeros(n, int), [""] * n, np.arange(n)
         for tick, step in enumerate(ticks):
-            span = range(step, min(step + stride, steps))
             for name in ("qpos", "qvel", "act"):
                 kept[name][going, tick] = batch.bind(name)[going]
-            given = inputs.during(going, span)
-            kept["ctrl"][going, tick] = given[:, 0, : model.nu]
-            sensed = np.zeros((len(going), len(span), model.nsensordata))
-            with mujoco_warnings(), suppress(SimulationError):  # `warning` and `status` tell of both
-                batch.rollout(len(span), given, CONTROLS, record=("sensordata",), ids=going, out={"sensordata": sensed})
-            kept["sensors"][going, tick] = sensed[:, 0]
-            for world in going.tolist():
-                if (found := batch.warning[world, :, NUMBER] != 0).any():
-                    ended[world] = mujoco.mjtWarning(int(np.argmax(found))).name.removeprefix("mjWARN_")
-                elif batch.status[world]:
-                    ended[world] = ERROR
-            going = np.array([world for world in going.tolist() if not ended[world]], int)
+            kept["ctrl"][going, tick] = inputs.during(going, range(step, step + 1))[:, 0, : model.nu]
+            until = min(step + stride, steps)
+            for first in range(step, until, MOST_STEPS):
+                span = range(first, min(first + MOST_STEPS, until))
+                sensed = np.zeros((len(going), len(span), model.nsensordata))
+                with mujoco_warnings(), suppress(SimulationError):  # `warning` and `status` tell of both
+                    batch.rollout(
+                        len(span),
+                        inputs.during(going, span),
+                        CONTROLS,
+                        record=("sensordata",),
+                        ids=going,
+                        out={"sensordata": sensed},
+                    )
+                if first == step:
+                    kept["sensors"][going, tick] = sensed[:, 0]
+                for world in going.tolist():
+                    if (found := batch.warning[world, :, NUMBER] != 0).any():
+                        ended[world] = mujoco.mjtWarning(int(np.argmax(found))).name.removeprefix("mjWARN_")
+                    elif batch.status[world]:
+                        ended[world] = ERROR
+                going = np.array([world for world in going.tolist() if not ended[world]], int)
             count[going] += 1
             if not len(going):
                 break
