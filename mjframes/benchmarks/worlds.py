@@ -274,9 +274,9 @@ def measure_flex(case: Case, python: str) -> list[Beside]:
 def rate_table(rates: Sequence[Rate]) -> Table:
     """Return one row for each number of worlds and threads."""
     columns = ("threads", "world-steps/s", "× threads", "a processor second", "× threads")
-    table = table_of(f"Steps of worlds side by side, steak of {FRAMES} frames in contact", *columns)
+    table = table_of(f"Steps of so many worlds side by side, each a steak of {FRAMES} frames in contact", *columns)
     for r in rates:
-        table.add_row(f"{r.worlds:,} worlds", str(r.threads), f"{r.wall:,.0f}", f"{r.efficiency:.2f}",
+        table.add_row(f"{r.worlds:,}", str(r.threads), f"{r.wall:,.0f}", f"{r.efficiency:.2f}",
                       f"{r.processor:,.0f}", f"{r.processor_efficiency:.2f}")  # fmt: skip
     return table
 

@@ -194,8 +194,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         action="append",
         default=[],
         metavar="BODY.WHAT=LOW:HIGH",
-        help="what each world draws: stiffness, alpha, beta [factors]; x, y, z [m], roll, pitch, yaw [degrees] of the "
-        "start; steak.stiffness=0.5:2",
+        help="what each world draws: a material, stiffness, alpha, beta [factors]; x, y, z [m], roll, pitch, yaw "
+        "[degrees] of the start; steak.flesh=0.5:2",
     )
     command.add_argument(
         "--push", type=_bounded, action="append", default=[], metavar="BODY=LOW:HIGH",

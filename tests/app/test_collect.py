@@ -41,6 +41,7 @@ SCENE = """<mujoco><option timestep="0.004"/><worldbody><geom type="plane" size=
 </worldbody><actuator><motor joint="swing" ctrlrange="-.1 .1"/></actuator></mujoco>"""
 VARY = {
     "lump.stiffness": (0.5, 2.0),
+    "lump.2": (0.5, 2.0),
     "lump.beta": (0.5, 2.0),
     "lump.x": (-0.02, 0.02),
     "lump.yaw": (-180.0, 180.0),
@@ -96,7 +97,8 @@ def test_a_world_is_what_one_run_with_its_row_of_the_table_is(scene: Path, whole
     log = read_log(whole / row["file"], 3)
     states = log.states()
     assert len(states) == int(row["entries"]) == 10
-    scale(model, "lump", float(row["lump.stiffness"]), damping=(1.0, float(row["lump.beta"])))
+    common, second = float(row["lump.stiffness"]), float(row["lump.2"])
+    scale(model, "lump", {1: common, 2: common * second, 3: common}, damping=(1.0, float(row["lump.beta"])))
     data = mujoco.MjData(model)
     data.qpos[:] = states[0]["qpos"]
     weights = pushes(model, data, [("lump", (0, 1)), ("ball", (0, 1))], 1.0)
@@ -218,8 +220,15 @@ def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> 
         ({"rate": np.nan}, "rate is nan; give a positive number"),
         ({"threads": 0}, "threads is 0; give a whole number"),
         ({"control": "good"}, "control is 'good'; it is one of none, random"),
-        ({"vary": {"lump": (0, 1)}}, "vary has 'lump'; give BODY and one of stiffness, "),
-        ({"vary": {"lump.color": (0, 1)}}, "vary has 'lump.color'; give BODY and one of"),
+        ({"vary": {"lump": (0, 1)}}, "vary has 'lump'; give BODY and what of it"),
+        (
+            {"vary": {"lump.color": (1, 2)}},
+            "vary has 'lump.color', but what of 'lump' can vary is: stiffness, .*, yaw, ",
+        ),
+        (
+            {"vary": {"ball.flesh": (1, 2)}},
+            "vary has 'ball.flesh', but what of 'ball' can vary is: stiffness, .*, yaw.",
+        ),
         ({"vary": {"lump.stiffness": (0, 1)}}, "vary of 'lump.stiffness' goes from 0; factors are positive"),
         ({"vary": {"lump.x": (1, 0)}}, r"vary of 'lump.x' is \(1, 0\); give two numbers, the lower one first"),
         ({"vary": [("lump.x", (0, 1)), ("lump.x", (0, 2))]}, "vary has 'lump.x' twice"),

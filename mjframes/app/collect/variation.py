@@ -1,6 +1,7 @@
 """What differs from world to world, and how it is drawn: `steak.stiffness=0.5:2`, a body, what of it, two bounds.
 
-    stiffness          factor of all moduli, alpha, beta: of Rayleigh's damping; see `scene.scaling.scale`
+    flesh              factor of the moduli of that material, by its name or label; see `scene.scaling.scale`
+    stiffness          factor of all moduli, times those of materials; alpha, beta: of Rayleigh's damping
     x, y, z            [m] by which the body starts elsewhere, along the world's axes
     roll, pitch, yaw   [degrees] by which it starts turned, about the world's x, then y, then z, through its centre
 
@@ -20,7 +21,7 @@ import numpy as np
 from mjframes.app.collect.plan import Bounds
 from mjframes.base.errors import MjframesError
 from mjframes.scene.moving import Movable, movable
-from mjframes.scene.scaling import scale
+from mjframes.scene.scaling import materials, scale
 from mjframes.volume.material import is_number
 
 STIFFNESS, DAMPING = "stiffness", ("alpha", "beta")
@@ -32,7 +33,7 @@ KEYS = (STIFFNESS, *DAMPING, *SHIFTS, *TURNS)
 class Variation:
     """One thing that differs.
 
-    body: its name.  what: one of KEYS.  bounds: of what is drawn, lower and upper.
+    body: its name.  what: one of KEYS, or a material.  bounds: of what is drawn, lower and upper.
     """
 
     body: str
@@ -55,13 +56,13 @@ class Variation:
 def variations(vary: Sequence[tuple[str, Bounds]]) -> tuple[Variation, ...]:
     """Return what is asked for as `steak.stiffness`, with bounds.
 
-    Raise MjframesError for other words, factors that are not positive, and what is asked for twice.
+    Raise MjframesError for other texts, factors that are not positive, and what is asked for twice.
     """
     found: dict[str, Variation] = {}
     for name, bounds in vary:
         body, dot, what = name.rpartition(".")
-        if not (dot and body and what in KEYS):
-            raise MjframesError(f"vary has {name!r}; give BODY and one of {', '.join(KEYS)}, as steak.stiffness.")
+        if not (dot and body and what):
+            raise MjframesError(f"vary has {name!r}; give BODY and what of it, as steak.stiffness.")
         low, _ = bounds
         if what not in SHIFTS + TURNS and low <= 0:
             raise MjframesError(f"vary of {name!r} goes from {low:g}; factors are positive, as 0.5:2.")
@@ -100,6 +101,10 @@ class Varied:
                 self._factors.setdefault(one.body, []).append(one.what)
             elif one.body not in self._movable:
                 self._movable[one.body] = movable(model, data, one.body)
+            if one.what not in KEYS and len(_labels(model, one)) != 1:
+                own = [called or str(label) for label, called in materials(model, one.body).items()]
+                known = ", ".join([*KEYS, *own])
+                raise MjframesError(f"vary has {one.name!r}, but what of {one.body!r} can vary is: {known}.")
         self.numerics({})  # what cannot be scaled is told of now
 
     def numerics(self, values: Mapping[str, float]) -> np.ndarray:
@@ -108,10 +113,18 @@ class Varied:
             for body, factors in self._factors.items():
                 of = {what: values.get(f"{body}.{what}", 1.0) for what in factors}
                 damping = [of.get(what, 1.0) for what in DAMPING] if of.keys() & set(DAMPING) else None
-                scale(self._model, body, of.get(STIFFNESS), damping=damping)
+                scale(self._model, body, self._stiffness(body, of), damping=damping)
             return self._model.numeric_data.copy()
         finally:
             self._model.numeric_data[:] = self._built
+
+    def _stiffness(self, body: str, of: Mapping[str, float]) -> float | dict[int | str, float] | None:
+        """Factors of moduli as `scale` takes them, from those that are drawn for a body."""
+        common = of.get(STIFFNESS)
+        if not of.keys() - set(KEYS):
+            return common
+        known = materials(self._model, body).items()
+        return {label: (common or 1.0) * of.get(called, of.get(str(label), 1.0)) for label, called in known}
 
     def qpos(self, values: Mapping[str, float]) -> np.ndarray:
         """Return `qpos` at the start for drawn values."""
@@ -123,3 +136,8 @@ class Varied:
             mujoco.mju_euler2Quat(turn, angles, "XYZ")  # capitals: about axes that do not turn
             some.move(found, shift, turn)
         return found
+
+
+def _labels(model: mujoco.MjModel, one: Variation) -> list[int]:
+    """The materials that a variation's `what` may mean."""
+    return [label for label, called in materials(model, one.body).items() if one.what in (called, str(label))]
