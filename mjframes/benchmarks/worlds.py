@@ -52,13 +52,6 @@ COMPARED, COMPARED_STEPS = 1000, 20  # worlds whose bits are compared, and for h
 HELD = 1000  # mjDatas, or worlds, whose memory is measured
 FLEX_WORLDS, FLEX_LEAST = 64, 500
 
-# env-steps/s of Isaac Lab's Isaac-Lift-Soft-Franka, a Franka that lifts a soft block, 4 September 2026 or before:
-# https://github.com/newton-physics/newton/issues/4141
-PUBLISHED = (
-    ("Isaac Lab 3.0, PhysX, 1,024 envs", "RTX 5090", 18_622),
-    ("Isaac Lab 3.0, Newton (MJWarp and VBD), 4,096 envs", "RTX 5090", 11_808),
-)
-
 RATE_NOTE = """\
 × threads: world-steps a second over those of one world stepped alone, times the threads; by wall time, and by the time
 that processors spend on it, which a busy machine does not change."""

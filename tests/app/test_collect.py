@@ -20,8 +20,10 @@ import pytest
 from builders.lengthwise import block
 from builders.scenes import lump
 
+from mjframes.app.collect.plan import Plan, engine
 from mjframes.app.collect.push import pushes
 from mjframes.app.collect.run import TABLE, collect
+from mjframes.app.collect.shard import shard_bytes
 from mjframes.app.log.read import read_log
 from mjframes.app.replay import film_of, state_at
 from mjframes.base.errors import MjframesError
@@ -200,6 +202,17 @@ def test_another_collection_in_the_folder_is_refused(
     with pytest.raises(MjframesError, match=told):
         collect(scene, whole, **options(**changed))
     assert contents(whole) == before
+
+
+def test_another_engine_is_refused(scene: Path, tmp_path: Path) -> None:
+    few = options(worlds=1, seconds=0.1)
+    plan = collect(scene, tmp_path / "runs", **few).folder / "plan.json"
+    plan.write_text(plan.read_text().replace(engine(), "mujoco 1.2.3, plugin 0123"))
+    with pytest.raises(MjframesError, match=f"begun with engine mujoco 1.2.3, plugin 0123 and not {engine()}"):
+        collect(scene, tmp_path / "runs", **few)
+    old = Plan("", 1, 0.1, (), (), "none", 50.0, 0, 1, "mujoco 1.2.3, plugin 0123")
+    with pytest.raises(MjframesError, match=f"a worker has {engine()}, but the plan is for mujoco 1.2.3"):
+        shard_bytes(old, {}, 0, 1)
 
 
 def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> None:

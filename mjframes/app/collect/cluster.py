@@ -50,6 +50,8 @@ def on_cluster(
             try:
                 yield running.pop(done[0]), ray.get(done[0])
             except ray.exceptions.RayError as error:
+                if isinstance(getattr(error, "cause", None), MjframesError):
+                    raise error.cause from error
                 reason = str(error).splitlines()[-1]
                 raise MjframesError(f"the cluster could not compute a shard ({reason}).") from error
     finally:

@@ -7,13 +7,14 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from importlib.metadata import version
+from functools import cache
 from pathlib import Path
 
 import mujoco
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.scene import plugin
 from mjframes.volume.material import is_number
 
 PLAN = "plan.json"
@@ -29,7 +30,7 @@ class Plan:
     scene: digest of its files.  worlds: how many.  seconds: of each [s].
     vary: what is drawn for each world, and its bounds, see `variation`.  push: bodies, and bounds of forces [N].
     control: one of CONTROLS.  rate: entries a simulated second [Hz].  seed: of all draws.  shard: worlds in a file.
-    engine: versions of what steps.
+    engine: what steps, of `engine`.
     Raise MjframesError for what cannot be.
     """
 
@@ -42,7 +43,7 @@ class Plan:
     rate: float
     seed: int
     shard: int
-    engine: str = f"mujoco {mujoco.mj_versionString()}, mjframes {version('mjframes')}"
+    engine: str
 
     def __post_init__(self) -> None:
         for name, least in (("worlds", 1), ("seed", 0), ("shard", 1)):
@@ -63,6 +64,13 @@ class Plan:
     def of_shard(self, number: int) -> range:
         """Return the worlds in a file."""
         return range(number * self.shard, min(self.worlds, (number + 1) * self.shard))
+
+
+@cache
+def engine() -> str:
+    """Return what steps here: MuJoCo's version, and a digest of the plugin's library.  Raise MjframesError without."""
+    library = hashlib.sha256(plugin.library_path().read_bytes()).hexdigest()
+    return f"mujoco {mujoco.mj_versionString()}, plugin {library[:12]}"
 
 
 def digest(files: Mapping[str, bytes]) -> str:

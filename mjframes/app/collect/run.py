@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import track
 
 from mjframes.app.collect.cluster import on_cluster
-from mjframes.app.collect.plan import Bounds, Plan, begin, digest
+from mjframes.app.collect.plan import Bounds, Plan, begin, digest, engine
 from mjframes.app.collect.shard import shard_bytes, shard_path, stepping_of
 from mjframes.app.collect.variation import checked
 from mjframes.app.log.worlds import WORLD
@@ -78,7 +78,7 @@ def collect(
     _, spec = load_scene(scene)
     files = pack(spec)
     bounds = _bounds_by_name(vary, "vary"), _bounds_by_name(push, "push")
-    plan = Plan(digest(files), worlds, seconds, *bounds, control, rate, seed, shard)
+    plan = Plan(digest(files), worlds, seconds, *bounds, control, rate, seed, shard, engine())
     stepping_of(plan, files)  # what cannot be is told of before there is a folder
     folder = Path(out)
     begin(plan, folder)

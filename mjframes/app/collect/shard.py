@@ -15,12 +15,13 @@ from typing import Any
 
 import mujoco
 
-from mjframes.app.collect.plan import Plan
+from mjframes.app.collect.plan import Plan, engine
 from mjframes.app.collect.worlds import Stepping, Worlds
 from mjframes.app.log.numbers import NUMBERS, json_schema, nanoseconds_of, sensor_fields, sensor_message
 from mjframes.app.log.worlds import WORLD, world_topic
 from mjframes.app.log.write import METADATA
 from mjframes.app.measure import weight_of
+from mjframes.base.errors import MjframesError
 from mjframes.scene.packed import unpack
 
 STATE = {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS, "ctrl": NUMBERS}
@@ -33,8 +34,11 @@ def shard_path(folder: Path, number: int) -> Path:
 def shard_bytes(plan: Plan, files: Mapping[str, bytes], number: int, threads: int) -> bytes:
     """Return the file of a shard, the same wherever it is computed.
 
-    files: of the packed scene.  threads: 0 for one a processor.  Raise MjframesError as `worlds.Stepping` does.
+    files: of the packed scene.  threads: 0 for one a processor.
+    Raise MjframesError as `worlds.Stepping` does, and where the plan is for another engine than there is here.
     """
+    if engine() != plan.engine:
+        raise MjframesError(f"a worker has {engine()}, but the plan is for {plan.engine}; install the same there.")
     stepping, worlds = stepping_of(plan, files), plan.of_shard(number)
     return _written(stepping.model, files, worlds, stepping.run(worlds, threads))
 
