@@ -178,9 +178,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     )
     _add_film(command)
 
-    command = commands.add_parser("view", help="open a scene in MuJoCo's viewer")
+    command = commands.add_parser("view", help="open a scene in MuJoCo's viewer, or on a page for a browser")
     command.set_defaults(command=functions["view"])
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument("--web", action="store_true", help="serve a page, where there is no display as well")
+    command.add_argument("--host", metavar="NAME", help="of the page: 0.0.0.0 for other machines (default 127.0.0.1)")
+    command.add_argument("--port", type=_port, metavar="N", help="of the page, 0 for any that is free (default 8080)")
 
     command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
     command.set_defaults(command=functions["bench"])
@@ -237,6 +240,12 @@ def _topics(text: str) -> tuple[str, ...]:
     if unknown := [topic for topic in topics if topic not in TOPICS]:
         raise argparse.ArgumentTypeError(f"{unknown[0]!r} is none of {', '.join(TOPICS)}")
     return topics
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 65535")
+    return int(text)
 
 
 def _count(text: str) -> int:
