@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from viser import GuiUplotHandle, ViserServer
 
 from mjframes.app.view.cameras import View, aim, views
 from mjframes.app.view.simulation import Simulation
-from mjframes.base.errors import MjframesError
 from mjframes.scene import scaling
 
 Commands = queue.SimpleQueue[Callable[[], None]]
@@ -111,23 +111,37 @@ class Controls:
         return lambda: keys.get(chosen.value)
 
     def _add_materials(self) -> None:
-        for name in self._simulation.bodies:
-            try:
-                self._scale(name)
-            except MjframesError:  # a model that was written without factors
+        """Sliders of how stiff each material is and how damped each body, where the model has factors of them."""
+        model = self._simulation.model
+        for name, body in self._simulation.bodies.items():
+            known = scaling.materials(model, name)
+            if not known:
                 continue
+            factors: dict[int | str, float] = dict(
+                zip(known, scaling.stiffness(model, name, len(known)).tolist(), strict=True)
+            )
             with self._server.gui.add_folder(name):
-                self._add_factor("stiffness", lambda value, name=name: self._scale(name, stiffness=value))
-                if any(self._simulation.bodies[name].damping):
-                    self._add_factor("damping", lambda value, name=name: self._scale(name, damping=(value, value)))
+                for label, called in known.items():
+                    stiffen = partial(self._stiffen, name, factors, label)
+                    self._add_factor(called or f"label {label}", "Stiffness", factors[label], stiffen)
+                if any(body.damping):
+                    self._add_factor("damping", "Rayleigh's α and β", 1.0, partial(self._damp, name))
 
-    def _scale(self, name: str, **factors: Any) -> None:
-        scaling.scale(self._simulation.model, name, **factors)
+    def _stiffen(self, name: str, factors: dict[int | str, float], label: int, factor: float) -> None:
+        factors[label] = factor
+        scaling.scale(self._simulation.model, name, factors)
 
-    def _add_factor(self, label: str, action: Callable[[float], None]) -> None:
+    def _damp(self, name: str, factor: float) -> None:
+        scaling.scale(self._simulation.model, name, damping=(factor, factor))
+
+    def _add_factor(self, label: str, what: str, now: float, action: Callable[[float], None]) -> None:
         """A slider of decades; its label has the factor."""
         marks = tuple((k * DECADES, f"× {10 ** (k * DECADES):g}") for k in (-1, 0, 1))
-        slider = self._server.gui.add_slider(f"{label} × 1", -DECADES, DECADES, 0.01, 0.0, marks=marks)
+        start = float(np.clip(np.log10(now), -DECADES, DECADES))
+        hint = f"{what}, to what was built; the number is the power of ten."
+        slider = self._server.gui.add_slider(
+            f"{label} × {now:.3g}", -DECADES, DECADES, 0.01, start, marks=marks, hint=hint
+        )
 
         def changed(decades: float) -> None:
             slider.label = f"{label} × {10**decades:.3g}"

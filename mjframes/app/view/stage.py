@@ -139,7 +139,7 @@ def _cylinder(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) 
 
 def _capsule(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
     radius, half, _ = model.geom_size[geom].tolist()
-    ends = [_icosphere(server, model, geom, f"{name}/{k}", (radius,) * 3, k * half) for k in (-1, 1)]
+    ends = [_icosphere(server, model, geom, f"{name}/{k}", (radius, radius, radius), k * half) for k in (-1, 1)]
     return _cylinder(server, model, geom, name) + ends
 
 
@@ -179,7 +179,7 @@ def _add_lights(server: ViserServer, model: mujoco.MjModel, data: mujoco.MjData)
     head = model.vis.headlight
     ambient = float(np.max(head.ambient) + AROUND * np.max(head.diffuse)) if head.active else 0.0
     server.scene.configure_environment_map("studio", environment_intensity=GLOSS)
-    server.scene.add_light_hemisphere("/lights", ground_color=(BELOW,) * 3, intensity=LAMP * ambient)
+    server.scene.add_light_hemisphere("/lights", ground_color=(BELOW, BELOW, BELOW), intensity=LAMP * ambient)
     for k in lamps:
         direction = data.light_xdir[k] / np.linalg.norm(data.light_xdir[k])
         directional = model.light_type[k] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
