@@ -337,18 +337,19 @@ def test_a_softer_bar_sags_on_the_page(shown: Page) -> None:
 
     def red() -> np.ndarray:
         """Pixels (n, 2) of the bar: row, column."""
-        picture = Image.open(io.BytesIO(web.screenshot(timeout=60_000))).convert("RGB")
+        picture = Image.open(io.BytesIO(web.screenshot())).convert("RGB")
         r, g, b = np.moveaxis(np.asarray(picture, int)[:, :PANEL], 2, 0)
         return np.argwhere((r > 60) & (r > 2 * g) & (r > 2 * b))
 
     with browsers.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         web = browser.new_page(viewport={"width": PANEL + 330, "height": 300})
+        web.set_default_timeout(60_000)  # of a busy machine
         complaints: list[str] = []
         web.on("pageerror", lambda error: complaints.append(str(error)))
         web.goto(f"http://127.0.0.1:{shown.port}")
         label = web.get_by_text("rubber × 1", exact=True)
-        label.wait_for(timeout=60_000)
+        label.wait_for()
         wait("the bar comes to rest", at_rest)
         before, seen = end(), red()
         assert len(seen) > 200
