@@ -66,7 +66,7 @@ $(VENV)/installed-lint: $(VENV)/installed
 	touch $@
 
 $(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip
-	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,meshes,video,log,report,test]" mujoco==$(MUJOCO4)
+	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,meshes,video,log,view,report,test]" mujoco==$(MUJOCO4)
 	touch $@
 
 %/bin/pip:

@@ -38,6 +38,7 @@ OPTIONAL = {
     "mcap": ("logs", "log"),
     "foxglove_schemas_protobuf": ("what Foxglove draws of logs", "log"),
     "matplotlib": ("plots", "plot"),
+    "viser": ("pages of view --web", "view"),
     "dm_control": ("dm_control's Physics", "dm"),
 }
 

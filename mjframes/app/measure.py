@@ -41,6 +41,8 @@ def measure(
     data: after `mj_step`, which leaves all but the state as it was at the start.  bodies: the soft ones, by name.
     state: at the start.  depth: the instant's `penetration` [m].
     """
+    forces = contact_forces(model, data)
+    soft = {name: np.isin(data.contact.geom, body.patches).any(axis=1) for name, body in bodies.items()}
     return Instant(
         time=state.time,
         qpos=state.qpos,
@@ -53,7 +55,9 @@ def measure(
         soft_kinetic={name: float(body.kinetic_energy) for name, body in bodies.items()},
         contacts=data.ncon,
         penetration=float(depth),
-        normal_force=_normal_force(model, data),
+        normal_force=float(forces.sum()),
+        soft_force={name: float(forces[its].sum()) for name, its in soft.items()},
+        rigid_force=float(forces[~np.any([np.zeros(len(forces), bool), *soft.values()], axis=0)].sum()),
         speed=float(np.linalg.norm(_center_velocities(model, data), axis=1).max()),
     )
 
@@ -69,6 +73,15 @@ def penetration(data: mujoco.MjData) -> float:
     return max(0.0, -float(acting.min())) if len(acting) else 0.0
 
 
+def contact_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return the normal force (ncon,) of each contact [N]."""
+    found, force = np.zeros(data.ncon), np.zeros(6)
+    for contact in range(data.ncon):
+        mujoco.mj_contactForce(model, data, contact, force)
+        found[contact] = force[0]
+    return found
+
+
 def kinetic_energy(model: mujoco.MjModel, data: mujoco.MjData, qvel: np.ndarray) -> float:
     """Of all bodies and armatures, as MuJoCo knows their masses [J].  qvel: (nv,), that of data's `cvel`."""
     velocity = _center_velocities(model, data)
@@ -82,11 +95,3 @@ def _center_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray
     """(nbody, 3) velocities of the bodies' centres of mass [m/s]; `cvel` is about the centre of the whole tree."""
     arm = data.xipos - data.subtree_com[model.body_rootid]
     return data.cvel[:, 3:] + np.cross(data.cvel[:, :3], arm)
-
-
-def _normal_force(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    force, total = np.zeros(6), 0.0
-    for contact in range(data.ncon):
-        mujoco.mj_contactForce(model, data, contact, force)
-        total += force[0]
-    return float(total)

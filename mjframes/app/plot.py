@@ -68,11 +68,13 @@ def _draw(recording: Recording, figure: Figure) -> None:
     depth.set_ylim(bottom=0)
     _label(depth, "greatest penetration", "mm")
 
-    force.plot(time, series("normal_force"), linewidth=1, label="sum of normal contact forces")
+    curves = _force_curves(recording)
+    for label, curve in curves.items():
+        force.plot(time, curve, linewidth=1, label=label)
     force.axhline(recording.weight, color="k", linestyle="--", label="weight of all that moves")
-    settled = np.percentile(series("normal_force"), 99) if len(time) > 1 else 0.0
+    settled = max(np.percentile(curve, 99) for curve in curves.values()) if len(time) > 1 else 0.0
     force.set_ylim(0, 1.3 * max(settled, recording.weight, 1e-9))  # an impact may go beyond: the rest shall be seen
-    _label(force, "contact force", "N")
+    _label(force, "normal contact force", "N")
     force.legend(fontsize="small")
 
     speed.plot(time, series("speed"), color="tab:green")
@@ -84,6 +86,13 @@ def _draw(recording: Recording, figure: Figure) -> None:
     if not math.isnan(recording.seconds):
         title += f", {recording.steps_per_second:.0f} steps/s ({recording.real_time_factor:.2f} × real time)"
     figure.suptitle(title)
+
+
+def _force_curves(recording: Recording) -> dict[str, np.ndarray]:
+    """Normal contact forces [N] over the instants: on each soft body, and what rigid ones put on each other."""
+    instants = recording.instants
+    soft = {f"on {name}": np.array([i.soft_force[name] for i in instants]) for name in instants[0].soft_force}
+    return {**soft, f"between {'others' if soft else 'all'}": np.array([i.rigid_force for i in instants])}
 
 
 def _label(axes: Axes, title: str, unit: str) -> None:

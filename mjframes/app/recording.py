@@ -18,7 +18,9 @@ class Instant:
     time: [s].  qpos, qvel, act: the state.  kinetic, potential: of everything [J].
     elastic, soft_kinetic: of each soft body, by name [J].  contacts: how many.
     penetration: the deepest in the steps since the instant before, 0 where nothing touched [m].
-    normal_force: sum over contacts [N].  speed: of the fastest body's centre of mass [m/s].
+    normal_force: sum over contacts [N].  soft_force: sum over the contacts of each soft body, by name [N]; one between
+    two of them counts for both.  rigid_force: sum over contacts of rigid geoms alone [N].
+    speed: of the fastest body's centre of mass [m/s].
     """
 
     time: float
@@ -32,6 +34,8 @@ class Instant:
     contacts: int
     penetration: float
     normal_force: float
+    soft_force: dict[str, float]
+    rigid_force: float
     speed: float
 
     @property

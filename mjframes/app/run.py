@@ -20,7 +20,7 @@ from mjframes.app.recording import Instant, Recording
 from mjframes.app.ticks import Ticks
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
-from mjframes.scene.load import mujoco_warnings, sentence
+from mjframes.scene.load import mujoco_warnings, start
 from mjframes.scene.packed import pack
 
 if TYPE_CHECKING:
@@ -68,10 +68,7 @@ def record(
     with ExitStack() as stack:
         warnings = stack.enter_context(mujoco_warnings())
         stack.enter_context(_potential_energy(model))
-        try:
-            data = mujoco.MjData(model)
-        except mujoco.FatalError as error:
-            raise MjframesError(f"MuJoCo cannot start the scene ({sentence(error, warnings)}).") from error
+        data = start(model, warnings)
         bodies = {name: view.soft(model, data, name) for name in view.soft_names(model)}
         weight, logging = weight_of(model), None
         if log is not None:
@@ -93,9 +90,9 @@ def record(
         hidden = not (progress and sys.stderr.isatty())
         for step in track(range(steps), "stepping", console=Console(stderr=True), transient=True, disable=hidden):
             state = state_of(data)
-            start = time.perf_counter()
+            begin = time.perf_counter()
             mujoco.mj_step(model, data)
-            seconds += time.perf_counter() - start
+            seconds += time.perf_counter() - begin
             if data.warning.number[DIVERGED].any():
                 reason = warnings[-1] if warnings else f"Time = {state.time:.4f}."
                 raise MjframesError(
@@ -148,14 +145,14 @@ def _pictures(
             due = ticks.due(now)
             if not due:
                 return
-            start = time.perf_counter()
+            begin = time.perf_counter()
             picture = paint(data)
             if add is not None:
                 for _ in range(due):
                     add(picture)
-                start = time.perf_counter()  # the log costs what the film does not
+                begin = time.perf_counter()  # the log costs what the film does not
             if encode is not None and logging is not None:
-                logging.picture(encode(picture), name, now, start)
+                logging.picture(encode(picture), name, now, begin)
 
         yield draw
 

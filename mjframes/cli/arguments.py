@@ -218,9 +218,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--ray", metavar="ADDRESS", help="of a Ray cluster that computes the shards; local for one of this machine"
     )
 
-    command = commands.add_parser("view", help="open a scene in MuJoCo's viewer")
+    command = commands.add_parser("view", help="open a scene in MuJoCo's viewer, or on a page for a browser")
     command.set_defaults(command=functions["view"])
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument("--web", action="store_true", help="serve a page, where there is no display as well")
+    command.add_argument("--host", metavar="NAME", help="of the page: 0.0.0.0 for other machines (default 127.0.0.1)")
+    command.add_argument("--port", type=_port, metavar="N", help="of the page, 0 for any that is free (default 8080)")
 
     command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
     command.set_defaults(command=functions["bench"])
@@ -290,6 +293,12 @@ def _bounded(text: str) -> tuple[str, tuple[float, float]]:
     if not (name and math.isfinite(low) and math.isfinite(high)):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LOW:HIGH with two numbers")
     return name, (low, high)
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 65535")
+    return int(text)
 
 
 def _count(text: str) -> int:

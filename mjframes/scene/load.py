@@ -1,4 +1,4 @@
-"""Scenes from MJCF, with MuJoCo's reason in one line where there is none."""
+"""Scenes from MJCF and their initial states, with MuJoCo's reason in one line where there is none."""
 
 from __future__ import annotations
 
@@ -39,6 +39,17 @@ def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjS
             raise
         except (ValueError, mujoco.FatalError) as error:
             raise MjframesError(f"{path}: MuJoCo cannot load the scene ({sentence(error, warnings)}).") from error
+
+
+def start(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
+    """Return the scene's initial state.  warnings: what MuJoCo warned of, see `mujoco_warnings`.
+
+    Raise MjframesError for a scene that the plugin refuses.
+    """
+    try:
+        return mujoco.MjData(model)
+    except mujoco.FatalError as error:
+        raise MjframesError(f"MuJoCo cannot start the scene ({sentence(error, warnings)}).") from error
 
 
 def changed_masses(compiler: mujoco.MjsCompiler) -> str:

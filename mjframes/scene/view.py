@@ -49,6 +49,11 @@ class Soft:
     _of_points: dict[bytes, MaterialPoints] = field(default_factory=dict)
     _of_factors: dict[bytes, list[CorotationalRegion] | list[HyperelasticRegion]] = field(default_factory=dict)
 
+    @property
+    def damping(self) -> tuple[float, float]:
+        """Return Rayleigh's α [1/s] and β [s], as it was built."""
+        return float(self.configuration["alpha"]), float(self.configuration["beta"])
+
     @cached_property
     def rest(self) -> np.ndarray:
         """Return x̄ (k, 3) in volume coordinates [m]."""

@@ -262,8 +262,9 @@ def test_any_instant_comes_back_from_its_messages() -> None:
     rng = np.random.default_rng(0)
     qpos, qvel, act = (np.append(rng.normal(size=size), [5e-324, -0.0, 1e308, 0.1]) for size in (3, 2, 4))
     one = Instant(
-        0.3, qpos, qvel, act, 1 / 3, -2 / 3, {"a": 1e-17, "b c": 0.7}, {"a": 0.1, "b c": 0.2}, 5, 1e-5, 3.3, 7.7
-    )
+        0.3, qpos, qvel, act, 1 / 3, -2 / 3, {"a": 1e-17, "b c": 0.7}, {"a": 0.1, "b c": 0.2}, 5, 1e-5, 3.3,
+        {"a": 1 / 7, "b c": 2.2}, 0.1 + 0.2, 7.7,
+    )  # fmt: skip
     logged = {topic: [json.loads(json.dumps({"time": one.time, **m}))] for topic, m in messages(one).items()}
     (other,) = instants(logged)
     for field in dataclasses.fields(Instant):

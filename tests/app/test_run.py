@@ -9,6 +9,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.scenes import FLOOR, compiled
+from builders.stacked import block
 
 from mjframes.app.log.read import read_log
 from mjframes.app.measure import kinetic_energy, penetration
@@ -227,13 +229,33 @@ def test_soft_bodies_are_logged_and_their_energy_never_grows(tmp_path: Path) -> 
     assert recording.energy_gain < 1e-3 * np.ptp(recording.energy)
 
 
+def test_contact_forces_are_told_body_by_body(tmp_path: Path) -> None:
+    """A soft block on another, and a rigid box beside them, each with its own curve; in the log as well."""
+    slab, small = block((8, 8, 3), 0.01, 1000, beta=0.01), block((4, 4, 3), 0.01, 2000, beta=0.01)
+    box = '<body pos=".3 0 .05"><freejoint/><geom type="box" size=".05 .05 .05" mass="2"/></body></worldbody>'
+    upright = (1, 0, 0, 0)
+    model, _ = compiled(
+        FLOOR.replace("</worldbody>", box), (slab, (0, 0, 0.001), upright), (small, (0.02, 0.02, 0.032), upright)
+    )
+    recording = record(model, 1.0, log=tmp_path / "a.mcap", plot=tmp_path / "a.svg")
+    last, weight = recording.instants[-1], 9.81 * np.array([192e-3, 96e-3])
+    assert last.soft_force["soft0"] == pytest.approx(weight.sum() + weight[1], rel=0.02)
+    assert last.soft_force["soft1"] == pytest.approx(weight[1], rel=0.02)
+    assert last.rigid_force == pytest.approx(2 * 9.81, rel=1e-3)
+    assert last.normal_force == pytest.approx(recording.weight + weight[1], rel=0.01)
+    for instant, other in zip(recording.instants, read_log(tmp_path / "a.mcap").recording().instants, strict=True):
+        assert (other.soft_force, other.rigid_force) == (instant.soft_force, instant.rigid_force)
+    drawn = (tmp_path / "a.svg").read_text()
+    assert [f"<!-- {label} -->" in drawn for label in ("on soft0", "on soft1", "between others")] == [True] * 3
+
+
 def test_the_energy_of_stiff_strains_alarms_nobody() -> None:
     """5 kJ of a body of 10¹¹ Pa that one step strained by a millionth; and a real gain, which is told."""
 
     def told(*energies: tuple[float, float, float]) -> str:
-        still = np.zeros(1)
+        still, none = np.zeros(1), {"soft": 0.0}
         instants = [
-            Instant(0.0, still, still, still, kinetic, potential, {"soft": elastic}, {"soft": 0.0}, 0, 0.0, 0.0, 0.0)
+            Instant(0.0, still, still, still, kinetic, potential, {"soft": elastic}, none, 0, 0.0, 0.0, none, 0.0, 0.0)
             for kinetic, potential, elastic in energies
         ]
         return summary(Recording(tuple(instants), 3, 0.5, 0.002, 20.0)).splitlines()[-1]

@@ -1,8 +1,7 @@
 """A scene as Foxglove's 3D panel draws it: its schemas `SceneUpdate` and `FrameTransforms`.
 
 Rigid geoms are said once, each in the frame of its body, and go where the transforms take that. Skins are said anew in
-every message, deformed, in the frame of the world. What MuJoCo draws by default is drawn: geoms of the groups 0 to 2.
-A texture counts with its mean colour.
+every message, deformed, in the frame of the world.
 """
 
 from __future__ import annotations
@@ -27,13 +26,10 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from mjframes.app.drawn import drawn_geoms, geom_color, plane_size, skin_color, skin_faces, skin_vertices, surface
 from mjframes.app.log.numbers import nanoseconds_of
 
 WORLD = "world"
-DRAWN = 3  # geom groups from this on are not drawn by MuJoCo's default
-PLAIN = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that is given none, MuJoCo's default
-ENDLESS = 4.0  # [-] of the scene's extent: half of a plane that has no end
-THIN = 1e-3  # [-] of the scene's extent: thickness of a plane
 HEAD = 0.25  # [-] of an arrow's length that is its head
 RED = (0.9, 0.2, 0.1, 1.0)
 
@@ -75,25 +71,21 @@ def frame_name(model: mujoco.MjModel, body: int) -> str:
 def rigid_scene(model: mujoco.MjModel) -> SceneUpdate:
     """Return the rigid geoms, one entity a body, which follows that body's frame."""
     entities = {}
-    for geom in range(model.ngeom):
-        color = geom_color(model, geom)
+    for geom in drawn_geoms(model):
         draw = SHAPES.get(int(model.geom_type[geom]))
-        if model.geom_group[geom] >= DRAWN or color[3] == 0 or draw is None:
+        if draw is None:
             continue
         frame = frame_name(model, int(model.geom_bodyid[geom]))
         new = SceneEntity(timestamp=timestamp(0), frame_id=frame, id=frame, frame_locked=True)
-        draw(model, geom, entities.setdefault(frame, new), _color(color))
+        draw(model, geom, entities.setdefault(frame, new), _color(geom_color(model, geom)))
     return SceneUpdate(entities=entities.values())
 
 
 def soft_scene(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene, time: float) -> SceneUpdate:
     """Return the skins as they are deformed, one entity each.  scene: of MuJoCo's visualization, for the model."""
-    mujoco.mjv_updateSkin(model, data, scene)
-    vertices = np.reshape(scene.skinvert, (-1, 3))
     entities = []
-    for skin in range(model.nskin):
-        start, count = model.skin_vertadr[skin], model.skin_vertnum[skin]
-        triangles = TriangleListPrimitive.FromString(point_bytes(vertices[start : start + count]) + _skin(model, skin))
+    for skin, vertices in enumerate(skin_vertices(model, data, scene)):
+        triangles = TriangleListPrimitive.FromString(point_bytes(vertices) + _skin(model, skin))
         name = model.skin(skin).name or f"skin_{skin}"
         entities.append(SceneEntity(timestamp=timestamp(time), frame_id=WORLD, id=name, triangles=[triangles]))
     return SceneUpdate(entities=entities)
@@ -133,28 +125,10 @@ def point_bytes(points: np.ndarray) -> bytes:
     return table.tobytes()
 
 
-def geom_color(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return a geom's rgba (4,): its own where it has one, else its material's, times the mean of the texture."""
-    own, material = model.geom_rgba[geom], int(model.geom_matid[geom])
-    return own if material < 0 or tuple(own) != PLAIN else _material_color(model, material)
-
-
-def _material_color(model: mujoco.MjModel, material: int) -> np.ndarray:
-    color = np.array(model.mat_rgba[material], float)
-    texture = int(model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
-    if texture >= 0 and (channels := int(model.tex_nchannel[texture])) >= 3:
-        start = int(model.tex_adr[texture])
-        size = int(model.tex_width[texture]) * int(model.tex_height[texture]) * channels
-        color[:3] *= model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(axis=0) / 255
-    return color
-
-
 def _skin(model: mujoco.MjModel, skin: int) -> bytes:
     """Return what does not change of a skin's triangles, serialized."""
-    material = int(model.skin_matid[skin])
-    color = model.skin_rgba[skin] if material < 0 else _material_color(model, material)
-    start, count = model.skin_faceadr[skin], model.skin_facenum[skin]
-    return _triangles(model.skin_face[start : start + count].ravel().astype("<u4").tobytes(), tuple(map(float, color)))
+    color = tuple(map(float, skin_color(model, skin)))
+    return _triangles(skin_faces(model, skin).ravel().astype("<u4").tobytes(), color)
 
 
 @functools.lru_cache(maxsize=64)
@@ -165,11 +139,9 @@ def _triangles(indices: bytes, color: tuple[float, ...]) -> bytes:
 
 
 def _plane(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    extent = model.stat.extent
-    x, y, _ = (2 * (half or ENDLESS * extent) for half in model.geom_size[geom].tolist())
-    thickness = THIN * extent
-    pose = _pose(model, geom, (0, 0, -thickness / 2))
-    entity.cubes.append(CubePrimitive(pose=pose, size=_vector((x, y, thickness)), color=color))
+    size = plane_size(model, geom)
+    pose = _pose(model, geom, (0, 0, -size[2] / 2))
+    entity.cubes.append(CubePrimitive(pose=pose, size=_vector(size), color=color))
 
 
 def _ball(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
@@ -198,28 +170,8 @@ def _box(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) ->
     entity.cubes.append(CubePrimitive(pose=_pose(model, geom), size=size, color=color))
 
 
-def _mesh(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    mesh = int(model.geom_dataid[geom])
-    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-    faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-    _add_surface(model, geom, entity, color, vertices, faces)
-
-
-def _height_field(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    field = int(model.geom_dataid[geom])
-    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
-    x, y, z, _ = model.hfield_size[field]
-    heights = z * model.hfield_data[model.hfield_adr[field] :][: rows * columns]
-    grid = np.meshgrid(np.linspace(-x, x, columns), np.linspace(-y, y, rows))
-    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    faces = [corner, corner + 1, corner + columns, corner + 1, corner + columns + 1, corner + columns]
-    vertices = np.column_stack([grid[0].ravel(), grid[1].ravel(), heights])
-    _add_surface(model, geom, entity, color, vertices, np.stack(faces, axis=1).reshape(-1, 3))
-
-
-def _add_surface(
-    model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color, vertices: np.ndarray, faces: np.ndarray
-) -> None:
+def _surface(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
+    vertices, faces = surface(model, geom)
     triangles = TriangleListPrimitive.FromString(point_bytes(vertices))
     triangles.pose.CopyFrom(_pose(model, geom))
     triangles.color.CopyFrom(color)
@@ -229,14 +181,14 @@ def _add_surface(
 
 SHAPES: dict[int, Callable[[mujoco.MjModel, int, SceneEntity, Color], None]] = {
     int(mujoco.mjtGeom.mjGEOM_PLANE): _plane,
-    int(mujoco.mjtGeom.mjGEOM_HFIELD): _height_field,
+    int(mujoco.mjtGeom.mjGEOM_HFIELD): _surface,
     int(mujoco.mjtGeom.mjGEOM_SPHERE): _ball,
     int(mujoco.mjtGeom.mjGEOM_CAPSULE): _capsule,
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _ball,
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): _cylinder,
     int(mujoco.mjtGeom.mjGEOM_BOX): _box,
-    int(mujoco.mjtGeom.mjGEOM_MESH): _mesh,
-    int(mujoco.mjtGeom.mjGEOM_SDF): _mesh,
+    int(mujoco.mjtGeom.mjGEOM_MESH): _surface,
+    int(mujoco.mjtGeom.mjGEOM_SDF): _surface,
 }
 
 

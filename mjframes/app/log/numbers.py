@@ -17,8 +17,13 @@ NUMBERS = {"type": "array", "items": {"type": "number"}}
 FIELDS: dict[str, dict[str, Any]] = {
     "state": {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS, "speed": "m/s, of the fastest body"},
     "energy": {"kinetic": "J", "potential": "J, gravity and springs", "elastic": "J", "total": "J"},
-    "contacts": {"count": "contacts", "penetration": "m, deepest since the message before", "normal_force": "N, sum"},
-    "soft": {"elastic": "J", "kinetic": "J"},
+    "contacts": {
+        "count": "contacts",
+        "penetration": "m, deepest since the message before",
+        "normal_force": "N, sum",
+        "rigid_force": "N, sum over rigid geoms alone",
+    },
+    "soft": {"elastic": "J", "kinetic": "J", "normal_force": "N, sum over its contacts"},
 }
 
 
@@ -58,9 +63,14 @@ def messages(instant: Instant) -> dict[str, dict[str, Any]]:
             "count": instant.contacts,
             "penetration": instant.penetration,
             "normal_force": instant.normal_force,
+            "rigid_force": instant.rigid_force,
         },
         **{
-            f"/soft/{name}": {"elastic": elastic, "kinetic": instant.soft_kinetic[name]}
+            f"/soft/{name}": {
+                "elastic": elastic,
+                "kinetic": instant.soft_kinetic[name],
+                "normal_force": instant.soft_force[name],
+            }
             for name, elastic in instant.elastic.items()
         },
     }
@@ -100,6 +110,8 @@ def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
             contacts=contacts["count"],
             penetration=contacts["penetration"],
             normal_force=contacts["normal_force"],
+            soft_force={name: found[k]["normal_force"] for name, found in soft.items()},
+            rigid_force=contacts["rigid_force"],
             speed=state["speed"],
         )
         for k, (state, energy, contacts) in enumerate(rows)

@@ -1,0 +1,98 @@
+"""What of a scene is drawn, and in which colour, for those that draw it instead of MuJoCo: logs and the page of `view`.
+
+What MuJoCo draws by default is drawn: geoms of the groups 0 to 2. A texture counts with its mean colour.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+HIDDEN = 3  # geom groups from this on are not drawn by MuJoCo's default
+PLAIN = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that is given none, MuJoCo's default
+ENDLESS = 4.0  # [-] of the scene's extent: half of a plane that has no end
+THIN = 1e-3  # [-] of the scene's extent: thickness of a plane
+
+
+def drawn_geoms(model: mujoco.MjModel) -> list[int]:
+    """Return the geoms that are drawn: those of the drawn groups that are not invisible."""
+    return [g for g in range(model.ngeom) if model.geom_group[g] < HIDDEN and geom_color(model, g)[3] > 0]
+
+
+def geom_color(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return a geom's rgba (4,): its own where it has one, else its material's, times the mean of the texture."""
+    own, material = model.geom_rgba[geom], int(model.geom_matid[geom])
+    return own if material < 0 or tuple(own) != PLAIN else _material_color(model, material)
+
+
+def skin_color(model: mujoco.MjModel, skin: int) -> np.ndarray:
+    """Return a skin's rgba (4,): its material's where it has one, times the mean of the texture."""
+    material = int(model.skin_matid[skin])
+    return model.skin_rgba[skin] if material < 0 else _material_color(model, material)
+
+
+def sky_color(model: mujoco.MjModel) -> np.ndarray | None:
+    """Return the mean rgb (3,) of the scene's sky, None where it has none."""
+    skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    return _texture_color(model, int(skies[0])) if len(skies) else None
+
+
+def plane_size(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return width, length and thickness (3,) of the slab that stands for a plane [m]; its top is the plane."""
+    half = model.geom_size[geom, :2]
+    x, y = 2 * np.where(half > 0, half, ENDLESS * model.stat.extent)
+    return np.array([x, y, THIN * model.stat.extent])
+
+
+def surface(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (n, 3) [m] and triangles (m, 3) of a mesh, a signed distance field or a height field, in the
+    geom's axes.
+    """
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
+        return _height_field(model, int(model.geom_dataid[geom]))
+    mesh = int(model.geom_dataid[geom])
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+
+
+def skin_faces(model: mujoco.MjModel, skin: int) -> np.ndarray:
+    """Return the triangles (m, 3) of a skin."""
+    return model.skin_face[model.skin_faceadr[skin] :][: model.skin_facenum[skin]]
+
+
+def skin_vertices(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene) -> list[np.ndarray]:
+    """Return the vertices (n, 3) of each skin as it is deformed, in the world [m].
+
+    scene: of MuJoCo's visualization, for the model; it keeps the vertices until the next call.
+    """
+    if not model.nskin:
+        return []
+    # of no category of geoms: skins and flexes alone; what updates skins alone is deprecated
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 0, scene)
+    return np.split(np.reshape(scene.skinvert, (-1, 3)), model.skin_vertadr[1:])
+
+
+def _material_color(model: mujoco.MjModel, material: int) -> np.ndarray:
+    color = np.array(model.mat_rgba[material], float)
+    texture = int(model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
+    if texture >= 0 and model.tex_nchannel[texture] >= 3:
+        color[:3] *= _texture_color(model, texture)
+    return color
+
+
+def _texture_color(model: mujoco.MjModel, texture: int) -> np.ndarray:
+    """Return the mean rgb (3,) of a texture of three channels or more."""
+    start, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
+    size = int(model.tex_width[texture]) * int(model.tex_height[texture]) * channels
+    return model.tex_data[start : start + size].reshape(-1, channels)[:, :3].mean(axis=0) / 255
+
+
+def _height_field(model: mujoco.MjModel, field: int) -> tuple[np.ndarray, np.ndarray]:
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    x, y, z, _ = model.hfield_size[field]
+    heights = z * model.hfield_data[model.hfield_adr[field] :][: rows * columns]
+    grid = np.meshgrid(np.linspace(-x, x, columns), np.linspace(-y, y, rows))
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    faces = [corner, corner + 1, corner + columns, corner + 1, corner + columns + 1, corner + columns]
+    vertices = np.column_stack([grid[0].ravel(), grid[1].ravel(), heights])
+    return vertices, np.stack(faces, axis=1).reshape(-1, 3)

@@ -1,0 +1,127 @@
+"""The page of a scene: a server, and the loop beside it that steps and shows."""
+
+from __future__ import annotations
+
+import io
+import os
+import queue
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+
+from mjframes.app.view.cameras import aim
+from mjframes.app.view.grip import Grip, grip_body, grip_skin
+from mjframes.app.view.simulation import Simulation
+from mjframes.base.errors import MjframesError
+from mjframes.scene.load import mujoco_warnings
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+    from mjframes.app.view.stage import Node
+
+HOST, PORT = "127.0.0.1", 8080
+FRAME = 1 / 30  # [s] of wall time between two pictures
+STEPPING = 0.8  # [-] of it for steps at most: what is left is for drawing and for what the page asks
+CURVES = 8  # pictures between two updates of numbers and curves
+
+
+class Page:
+    """A scene on a page while it runs.
+
+    server: of viser.  simulation: what runs.  stage, controls: what the page shows.
+    """
+
+    def __init__(self, server: ViserServer, model: mujoco.MjModel, warnings: list[str]) -> None:
+        from mjframes.app.view.controls import Controls
+        from mjframes.app.view.stage import Stage
+
+        self.server = server
+        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.simulation = Simulation(model, warnings)
+        self.stage = Stage(server, model, self.simulation.data)
+        self.controls = Controls(server, self.simulation, self._commands)
+        aim(server.initial_camera, self.controls.view())
+        server.initial_camera.near = 0.01 * model.stat.extent
+        for skin, node in enumerate(self.stage.skins):
+            self._let_drag(node, lambda at, skin=skin: self._grip_skin(skin, at))
+        for node, body in self.stage.rigid:
+            self._let_drag(node, lambda at, body=body: grip_body(model, self.simulation.data, body, at))
+
+    @property
+    def port(self) -> int:
+        """Where it is served."""
+        return self.server.get_port()
+
+    def run(self, stop: threading.Event | None = None) -> None:
+        """Step and show in real time, until there is a stop."""
+        frame = 0
+        while stop is None or not stop.is_set():
+            begin = time.perf_counter()
+            while not self._commands.empty():
+                self._commands.get()()
+            self.simulation.advance(STEPPING * FRAME)
+            self.stage.draw(self.simulation.data)
+            if frame % CURVES == 0:
+                self.controls.show()
+            frame += 1
+            time.sleep(max(0.0, FRAME - (time.perf_counter() - begin)))
+
+    def _grip_skin(self, skin: int, at: np.ndarray) -> Grip:
+        simulation = self.simulation
+        return grip_skin(simulation.model, simulation.data, skin, self.stage.vertices[skin], at)
+
+    def _let_drag(self, node: Node, grip: Callable[[np.ndarray], Grip]) -> None:
+        """Let the mouse hold a node by a grip of the point that it points at."""
+        simulation = self.simulation
+
+        async def later(event: Any) -> None:  # a coroutine: those are called in order
+            start, end = np.array(event.start_position), np.array(event.end_position)
+            phase = event.phase
+            self._commands.put(lambda: drag(phase, start, end))
+
+        def drag(phase: str, start: np.ndarray, end: np.ndarray) -> None:
+            if phase == "start":
+                simulation.hold(grip(start))
+            if phase == "end":
+                simulation.release()
+            elif simulation.held is not None:
+                simulation.target = end
+
+        node.on_drag("left")(later)
+
+
+@contextmanager
+def page(model: mujoco.MjModel, host: str = HOST, port: int = PORT) -> Iterator[Page]:
+    """A page of a scene at its initial state, served in this block.
+
+    host, port: where; port 0 is any that is free.
+    Raises MjframesError where viser is missing, for an address that is taken or cannot be, and for a scene that the
+    plugin refuses.
+    """
+    try:
+        from viser import ViserServer
+    except ImportError as error:
+        raise MjframesError('the page needs viser, which is not installed; pip install "mjframes[view]".') from error
+    try:
+        socket.create_server((host, port)).close()
+    except (OSError, OverflowError) as error:
+        number = getattr(error, "errno", None) or 0  # negative where a name is not known
+        reason = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or error
+        raise MjframesError(
+            f"nothing can be served at {host}:{port} ({reason}); give another --port, or 0 for any that is free."
+        ) from error
+    with mujoco_warnings() as warnings:
+        with redirect_stdout(io.StringIO()):  # viser says where it is, and that it ends, whatever it is asked
+            server = ViserServer(host, port, verbose=False)
+        try:
+            yield Page(server, model, warnings)
+        finally:
+            with redirect_stdout(io.StringIO()):
+                server.stop()

@@ -1,0 +1,374 @@
+"""The viewer: what is held moves as the skin does, time keeps to the clock, and a page shows what the sliders do."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from builders.scenes import FLOOR, compiled, lump
+
+from mjframes.app.drawn import skin_vertices
+from mjframes.app.view import simulation as clock
+from mjframes.app.view.cameras import FREE, views
+from mjframes.app.view.grip import grip_body, grip_skin
+from mjframes.app.view.page import Page, page
+from mjframes.app.view.simulation import PAST, RATE, Simulation
+from mjframes.base.errors import MjframesError
+from mjframes.body.build import build
+from mjframes.cli.commands import main
+from mjframes.frames.supports import Fixed
+from mjframes.scene.scaling import stiffness
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+CHROMIUM = shutil.which("chromium")
+# WebGL by the processor: there is no graphics card to count on
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PANEL = 330  # [pixels] of the page's width that its panel leaves free
+ROOM = """
+<mujoco>
+  <worldbody>
+    <camera name="side" pos="0 -2 .5" xyaxes="1 0 0 0 0 1" fovy="30"/>
+    <geom type="plane" size="0 0 .1"/>
+    <body name="box" pos="0 0 .5"><freejoint/><geom type="box" size=".1 .1 .1" mass="2"/></body>
+  </worldbody>
+  <keyframe><key name="high" qpos="0 0 3 1 0 0 0"/></keyframe>
+</mujoco>
+"""
+SHAPES = """
+<mujoco>
+  <asset>
+    <hfield name="hills" nrow="3" ncol="4" size="1 1 .1 .1" elevation="0 1 0 1  0 0 0 0  1 1 1 0"/>
+    <mesh name="wedge" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .1"/>
+  </asset>
+  <worldbody>
+    <light dir="1 0 -1" type="directional"/>
+    <geom type="plane" size="0 2 .1"/><geom type="hfield" hfield="hills" pos="5 0 0"/>
+    <geom type="box" size="9 9 9" pos="0 0 30" group="3"/>
+    <body pos="0 0 1">
+      <freejoint/>
+      <geom type="sphere" size=".1"/><geom type="ellipsoid" size=".1 .2 .3"/>
+      <geom type="box" size=".1 .1 .1" rgba="1 0 0 .5"/><geom type="capsule" size=".03 .2"/>
+      <geom type="cylinder" size=".04 .1"/><geom type="mesh" mesh="wedge"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+SHELF = """<mujoco><worldbody>
+  <light pos="0 -1 1" dir="0 1 -1" castshadow="false"/><camera pos="0 -.4 0" xyaxes="1 0 0 0 0 1"/>
+</worldbody></mujoco>"""
+
+
+def room(xml: str = ROOM) -> Simulation:
+    return Simulation(mujoco.MjModel.from_xml_string(xml), [])
+
+
+def cantilever() -> mujoco.MjModel:
+    """A bar along x, of rubber with a stripe of foam, held at its left end, red before white."""
+    labels = np.ones((16, 3, 4), int)
+    labels[:, 1] = 2
+    held = np.zeros(labels.shape, bool)
+    held[0] = True
+    red = (0.8, 0.0, 0.0, 1)
+    materials = {1: Material(6e4, 0.4, 1000, name="rubber", rgba=red), 2: Material(2e4, 0.4, 1000, "foam", rgba=red)}
+    volume = Volume.from_labels(labels, 0.01, materials)
+    body = build(volume, 3, supports=[Fixed(held)], damping=(0.0, 0.05))
+    return compiled(SHELF, (body, (-0.08, 0, 0), (1, 0, 0, 0)))[0]
+
+
+def test_a_held_point_moves_as_its_skin_does() -> None:
+    """Its Jacobian is that of MuJoCo's deformed skin, so that the force on it does the work that it should."""
+    model, data = compiled(FLOOR, (lump(), (0.1, 0.2, 0.3), (0.9, 0.3, -0.2, 0.25)))
+    rng = np.random.default_rng(0)
+    data.qpos[:] = 0.01 * rng.normal(size=model.nq)
+    mujoco.mj_forward(model, data)
+    scene = mujoco.MjvScene(model, 0)
+    vertices = [found.copy() for found in skin_vertices(model, data, scene)]
+    assert model.nskin > 1
+    for skin in range(model.nskin):
+        vertex = len(vertices[skin]) // 2
+        grip = grip_skin(model, data, skin, vertices[skin], vertices[skin][vertex])
+        assert grip.position(data) == pytest.approx(vertices[skin][vertex], abs=1e-5)
+        assert len(grip.bodies) >= 4
+        assert grip.mass == pytest.approx(model.body_subtreemass[0], rel=1e-6)
+        direction = rng.normal(size=model.nv)
+        force = grip.pull(model, data, grip.position(data) + np.array([0.01, 0, 0.02]), 5.0)
+        assert data.qfrc_applied @ direction == pytest.approx(force @ grip.jacobian(model, data) @ direction)
+        moved = mujoco.MjData(model)
+        moved.qpos[:] = data.qpos
+        mujoco.mj_integratePos(model, moved.qpos, direction, 1e-3)
+        mujoco.mj_forward(model, moved)
+        expected = skin_vertices(model, moved, scene)[skin][vertex] - vertices[skin][vertex]
+        assert 1e-3 * grip.jacobian(model, data) @ direction == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("young", [1e3, 1e9])
+def test_the_spring_is_stable_however_stiff_it_is(young: float) -> None:
+    volume = Volume.from_labels(np.ones((6, 3, 3), int), 0.01, {1: Material(young, 0.4, 1000)})
+    model, data = compiled("<mujoco><option gravity='0 0 0'/></mujoco>", (build(volume, 2), (0, 0, 0), (1, 0, 0, 0)))
+    mujoco.mj_forward(model, data)
+    vertices = skin_vertices(model, data, mujoco.MjvScene(model, 0))[0]
+    grip = grip_skin(model, data, 0, vertices, np.array([0.06, 0.03, 0.03]))
+    way = np.array([0.05, -0.02, 0.03])
+    target, away = grip.position(data) + way, []
+    for _ in range(2000):
+        grip.pull(model, data, target, 1e12)
+        mujoco.mj_step(model, data)
+        away.append(np.linalg.norm(grip.position(data) - target))
+    assert not any(warning.number for warning in data.warning)
+    assert max(away[1000:]) < 0.1 * np.linalg.norm(way)  # it swings about there
+
+
+def test_a_rigid_body_is_held_where_it_is_gripped() -> None:
+    run = room()
+    corner = grip_body(run.model, run.data, 1, np.array([0.1, 0.1, 0.6]))
+    assert corner.position(run.data) == pytest.approx([0.1, 0.1, 0.6])
+    grip = grip_body(run.model, run.data, 1, np.array([0, 0, 0.5]))
+    assert grip.mass == grip.inertia == pytest.approx(2)
+    assert corner.inertia < 1
+    run.hold(grip)
+    run.target = np.array([0, 0, 1.0])
+    for _ in range(2000):
+        run.step()
+    assert run.force == pytest.approx([0, 0, 2 * 9.81], abs=0.1)  # it hangs there
+    assert run.data.qpos[2] > 0.5
+    run.release()
+    run.step()
+    assert not run.data.qfrc_applied.any()
+    assert not run.force.any()
+
+
+class Clock:
+    """Wall time that passes when it is told to, and a little with each look."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def perf_counter(self) -> float:
+        self.now += 1e-6
+        return self.now
+
+
+def test_time_keeps_to_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall = Clock()
+    monkeypatch.setattr(clock, "time", wall)
+    run = room()
+    for _ in range(30):
+        wall.now += 1 / 30
+        run.advance(1.0)
+    assert run.data.time == pytest.approx(1.0, abs=0.004)
+    run.paused = True
+    wall.now += 5
+    assert run.advance(1.0) == 0
+    run.paused = False
+    run.set_speed(0.5)
+    for _ in range(30):
+        wall.now += 1 / 30
+        run.advance(1.0)
+    assert run.data.time == pytest.approx(1.5, abs=0.006)
+    wall.now += 100  # the machine was busy: what is lost is not caught up with
+    assert run.advance(1e-4) > 0
+    before = run.data.time
+    wall.now += 1 / 30
+    run.advance(1.0)
+    assert run.data.time - before == pytest.approx(0.5 / 30, abs=0.004)
+
+
+def test_a_scene_goes_back_to_its_start_or_a_keyframe() -> None:
+    run = room()
+    for _ in range(100):
+        run.step()
+    assert len(run.past) == pytest.approx(0.2 * RATE, abs=1)
+    assert run.past.maxlen == PAST * RATE
+    run.reset(0)
+    assert run.data.qpos[2] == 3
+    assert not run.past
+    run.reset()
+    assert run.data.qpos[2] == 0.5
+
+
+def test_what_diverges_is_set_back_and_halted() -> None:
+    run = room(ROOM.replace('size=".1 .1 .1" mass="2"/>', 'size=".1 .1 .1" mass="2"/><site name="s"/>'))
+    messages: list[str] = []
+    mujoco.set_mju_user_warning(messages.append)
+    try:
+        run.data.qvel[0] = np.nan
+        assert run.advance(10.0) in (0, 1)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert run.diverged
+    assert run.paused
+    assert run.data.qpos[2] == 0.5
+    assert not run.data.warning.number.any()
+
+
+def test_cameras_are_the_scenes_and_a_free_one() -> None:
+    run = room()
+    found = views(run.model, run.data)
+    assert list(found) == ["side", FREE]
+    side = found["side"]
+    assert side.position == pytest.approx([0, -2, 0.5])
+    assert side.angle == pytest.approx(np.radians(30))
+    assert side.target[[0, 2]] == pytest.approx([0, 0.5])
+    assert side.target[1] > -2
+    free, camera = found[FREE], mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(run.model, camera)
+    assert free.target == pytest.approx(camera.lookat)
+    assert np.linalg.norm(free.position - free.target) == pytest.approx(camera.distance)
+    assert free.position[2] > free.target[2]
+
+
+def test_a_page_needs_viser(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(MjframesError, match=r'needs viser, which is not installed; pip install "mjframes\[view\]"\.$'):
+        page(mujoco.MjModel.from_xml_string(ROOM)).__enter__()
+
+
+needs_viser = pytest.mark.skipif(importlib.util.find_spec("viser") is None, reason="viser is not installed")
+
+
+@needs_viser
+def test_everything_is_on_the_page_and_follows_its_body() -> None:
+    """Geoms of each type, those of hidden groups left out; the lamp; and what stands still cannot be drawn away."""
+    import viser
+
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    with page(model, port=0) as shown:
+        run, scene = shown.simulation, shown.stage
+        assert [body for _, body in scene.rigid] == [1] * 8  # a capsule is three
+        shapes = {node.name: node for node, _ in scene.rigid}
+        parts = [name.rsplit("/", 1)[1] for name in shapes]
+        assert sorted(parts) == ["-1", "1", "ball", "ball", "box", "mesh", "side", "side"]
+        box, wedge = shapes["/bodies/1/5/box"], shapes["/bodies/1/8/mesh"]
+        assert isinstance(box, viser.BoxHandle)
+        assert isinstance(wedge, viser.MeshHandle)
+        assert tuple(box.color) == (255, 0, 0)
+        assert box.opacity == pytest.approx(0.5)
+        assert wedge.vertices.shape == (4, 3)
+        for _ in range(50):
+            run.step()
+        scene.draw(run.data)
+        frame = shown.server.scene.get_handle_by_name("/bodies/1")
+        assert frame is not None
+        assert frame.position == pytest.approx(run.data.xpos[1])
+        assert frame.wxyz == pytest.approx(run.data.xquat[1])
+        assert run.data.xpos[1, 2] < 0.99
+        names = {f"/bodies/0/{geom}/{part}" for geom, part in ((0, "slab"), (0, "lines"), (1, "mesh"))} | {"/lights/0"}
+        assert all(shown.server.scene.get_handle_by_name(name) is not None for name in names)
+        assert shown.server.scene.get_handle_by_name("/bodies/0/2") is None
+
+
+@needs_viser
+def test_a_port_that_is_taken_ends_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene.xml").write_text(ROOM)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["view", str(tmp_path / "scene.xml"), "--web", "--port", str(port)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == (
+        f"mjframes: nothing can be served at 127.0.0.1:{port} (Address already in use); "
+        "give another --port, or 0 for any that is free.\n"
+    )
+
+
+@needs_viser
+def test_a_page_ends_with_an_interrupt(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(ROOM)
+    command = [sys.executable, "-m", "mjframes", "view", str(tmp_path / "scene.xml"), "--web", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
+        assert served.stdout is not None
+        assert "open http://127.0.0.1:" in served.stdout.readline()
+        served.send_signal(signal.SIGINT)
+        rest, complaints = served.communicate(timeout=50)
+    assert served.returncode == 0
+    assert (rest, complaints) == ("", "")
+
+
+@pytest.fixture
+def shown() -> Iterator[Page]:
+    """A bar on a page, running."""
+    pytest.importorskip("viser")
+    stop = threading.Event()
+    with page(cantilever(), port=0) as bar:
+        loop = threading.Thread(target=bar.run, args=(stop,))
+        loop.start()
+        try:
+            yield bar
+        finally:
+            stop.set()
+            loop.join()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: apt-get install chromium")
+def test_a_softer_bar_sags_on_the_page(shown: Page) -> None:
+    """In a browser: a slider makes it softer, and its skin goes down there; the mouse lifts its end, and lets it go."""
+    browsers = pytest.importorskip("playwright.sync_api")
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    run = shown.simulation
+
+    def wait(what: str, condition: Callable[[], bool]) -> None:
+        for _ in range(600):
+            if condition():
+                return
+            web.wait_for_timeout(50)
+        pytest.fail(f"waited in vain: {what}")
+
+    def end() -> float:
+        """Height of the free end."""
+        vertices = np.concatenate(shown.stage.vertices)
+        return float(vertices[vertices[:, 0].argmax(), 2])
+
+    def at_rest() -> bool:
+        return bool(run.past) and run.past[-1].speed < 1e-3
+
+    def red() -> np.ndarray:
+        """Pixels (n, 2) of the bar: row, column."""
+        picture = Image.open(io.BytesIO(web.screenshot())).convert("RGB")
+        r, g, b = np.moveaxis(np.asarray(picture, int)[:, :PANEL], 2, 0)
+        return np.argwhere((r > 60) & (r > 2 * g) & (r > 2 * b))
+
+    with browsers.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        web = browser.new_page(viewport={"width": PANEL + 330, "height": 300})
+        web.set_default_timeout(60_000)  # of a busy machine
+        complaints: list[str] = []
+        web.on("pageerror", lambda error: complaints.append(str(error)))
+        web.goto(f"http://127.0.0.1:{shown.port}")
+        label = web.get_by_text("rubber × 1", exact=True)
+        label.wait_for()
+        wait("the bar comes to rest", at_rest)
+        before, seen = end(), red()
+        assert len(seen) > 200
+        web.locator(f"[id='{label.get_attribute('for')}'] [role=slider]").press("Home")
+        wait("the slider moves", lambda: stiffness(run.model, "soft0", 2) == pytest.approx([0.1, 1]))
+        wait("the bar sags", lambda: end() < before - 0.01 and at_rest())
+        web.get_by_text("rubber × 0.1", exact=True).wait_for()
+        sagging, low = red(), end()
+        assert sagging[:, 0].max() > seen[:, 0].max() + 10
+
+        row, column = sagging[sagging[:, 1].argmax()].tolist()
+        web.mouse.move(column - 4, row)
+        web.mouse.down()
+        for k in range(1, 6):
+            web.mouse.move(column - 4, row - 12 * k)
+        wait("the mouse holds the bar", lambda: run.held is not None)
+        wait("the bar is lifted", lambda: end() > low + 0.005)
+        assert run.force[2] > 0
+        web.mouse.up()
+        wait("the mouse lets go", lambda: run.held is None)
+        assert complaints == []
+        browser.close()
