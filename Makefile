@@ -4,6 +4,9 @@
 #   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
 #   make bench         steps per second and precomputation times
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
+#   make wheels        a wheel for x86-64 and one for aarch64, with a library for every MuJoCo, and a source distribution: dist/
+#   make check-wheels  installs these into clean environments without a compiler, and steps the steak there
+#   make docs          the documentation: build/docs/index.html
 #   make lint          what CI and pre-commit hold the code to
 
 PYTHON3 ?= python3
@@ -20,7 +23,7 @@ define draw
 MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.app.doctor import working_backend as w; print(w() or "")')
 endef
 
-.PHONY: demo test test-mujoco4 bench report lint format clean
+.PHONY: demo test test-mujoco4 bench report wheels check-wheels docs lint format clean
 
 demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
@@ -36,6 +39,16 @@ bench: $(VENV)/installed
 
 report: $(VENV)/installed $(VENV4)/installed
 	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
+
+wheels: $(VENV)/installed-wheels
+	rm -rf dist
+	$(VENV)/bin/python plugin/wheels.py
+
+check-wheels: $(VENV)/installed-wheels
+	$(VENV)/bin/python plugin/check_wheels.py
+
+docs: $(VENV)/installed-docs
+	$(call draw,$(VENV)) $(VENV)/bin/python -m sphinx -n -W --keep-going -q docs build/docs
 
 lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check
@@ -59,6 +72,10 @@ $(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
 
 $(VENV)/installed-lint: $(VENV)/installed
 	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,dev]" mujoco==$(MUJOCO)
+	touch $@
+
+$(VENV)/installed-wheels $(VENV)/installed-docs: $(VENV)/installed-%: $(VENV)/installed
+	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,test,$*]" mujoco==$(MUJOCO)
 	touch $@
 
 $(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip
