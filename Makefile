@@ -64,7 +64,7 @@ format: $(VENV)/installed-lint
 	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h plugin/laws/*.h tests/*/*.cc
 
 clean:
-	rm -rf $(VENV) $(VENV4) build dist out .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV4) build dist docs/_pictures out .pytest_cache .ruff_cache
 
 $(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
 	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,test]" mujoco==$(MUJOCO)
