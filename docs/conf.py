@@ -15,7 +15,7 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 project = "mjframes"
 html_title = "mjframes"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_design"]
-exclude_patterns = ["_pictures/README*"]
+html_static_path = ["_pictures"]
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 html_theme = "pydata_sphinx_theme"
@@ -37,9 +37,9 @@ PAGES_ELSEWHERE = {
 
 
 def setup(app: Any) -> None:
-    """Register what Sphinx calls."""
+    """Draw the gallery, whose folder must be there before Sphinx looks for it; register what Sphinx calls."""
+    draw_gallery(Path(app.srcdir))
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
-    app.connect("builder-inited", lambda app: draw_gallery(Path(app.srcdir)))
     app.connect("include-read", lambda app, path, document, content: relink(content))
     app.connect("source-read", lambda app, document, content: relink(content))
     app.connect("autodoc-process-docstring", lambda app, what, name, thing, options, lines: as_text(lines))
