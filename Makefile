@@ -5,6 +5,9 @@
 #   make bench         steps per second and precomputation times
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
+#   make wheels        a wheel for x86-64 and one for aarch64, with a library for every MuJoCo, and a source distribution: dist/
+#   make check-wheels  installs these into clean environments without a compiler, and steps the steak there
+#   make docs          the documentation: build/docs/index.html
 #   make lint          what CI and pre-commit hold the code to
 
 PYTHON3 ?= python3
@@ -21,7 +24,7 @@ define draw
 MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.app.doctor import working_backend as w; print(w() or "")')
 endef
 
-.PHONY: demo test test-mujoco4 bench bench-worlds report lint format clean
+.PHONY: demo test test-mujoco4 bench bench-worlds report wheels check-wheels docs lint format clean
 
 demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
@@ -41,6 +44,16 @@ bench-worlds: $(VENV)/installed $(VENV4)/installed
 report: $(VENV)/installed $(VENV4)/installed
 	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
 
+wheels: $(VENV)/installed-wheels
+	rm -rf dist
+	$(VENV)/bin/python plugin/wheels.py
+
+check-wheels: $(VENV)/installed-wheels
+	$(VENV)/bin/python plugin/check_wheels.py
+
+docs: $(VENV)/installed-docs
+	$(call draw,$(VENV)) $(VENV)/bin/python -m sphinx -n -W --keep-going -q docs build/docs
+
 lint: $(VENV)/installed-lint
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
@@ -55,7 +68,7 @@ format: $(VENV)/installed-lint
 	$(VENV)/bin/clang-format -i plugin/*.cc plugin/*.h plugin/laws/*.h tests/*/*.cc
 
 clean:
-	rm -rf $(VENV) $(VENV4) build dist out .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV4) build dist docs/_pictures out .pytest_cache .ruff_cache
 
 $(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
 	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,test]" mujoco==$(MUJOCO)
@@ -63,6 +76,10 @@ $(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
 
 $(VENV)/installed-lint: $(VENV)/installed
 	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,dev]" mujoco==$(MUJOCO)
+	touch $@
+
+$(VENV)/installed-wheels $(VENV)/installed-docs: $(VENV)/installed-%: $(VENV)/installed
+	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,test,$*]" mujoco==$(MUJOCO)
 	touch $@
 
 $(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip

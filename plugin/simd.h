@@ -17,6 +17,7 @@
 #include <cstring>
 
 #include "linear.h"
+#include "processor.h"
 
 // What Dispatch runs must end up inside the functions that it has compiled for newer processors.
 #define MJFRAMES_INLINE inline __attribute__((always_inline))
@@ -175,23 +176,19 @@ MJFRAMES_INLINE void Scatter(const V* block, const int32_t* pair, double* stiffn
   }
 }
 
-// GCC 11 does not know these names of processors; clang has not been tried. Sanitizers, which guard every access of
-// each version, would compile for minutes.
-#if defined(__x86_64__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__) && !defined(MJFRAMES_SANITIZE)
+// Sanitizers, which guard every access of each version, would compile for minutes.
+#if defined(__x86_64__) && !defined(MJFRAMES_SANITIZE)
 #define MJFRAMES_PROCESSORS 1
 
 template <typename Kernel>
-__attribute__((target("arch=x86-64-v4"))) void RunWithAvx512(const Kernel& kernel) {
+__attribute__((target(MJFRAMES_AVX512))) void RunWithAvx512(const Kernel& kernel) {
   kernel.template operator()<WideLanes>();
 }
 
 template <typename Kernel>
-__attribute__((target("arch=x86-64-v3"))) void RunWithAvx2(const Kernel& kernel) {
+__attribute__((target(MJFRAMES_AVX2))) void RunWithAvx2(const Kernel& kernel) {
   kernel.template operator()<Lanes>();
 }
-
-inline const bool kHasAvx512 = __builtin_cpu_supports("x86-64-v4");
-inline const bool kHasAvx2 = __builtin_cpu_supports("x86-64-v3");
 #endif
 
 // Runs `kernel`, a lambda [&]<typename V>() MJFRAMES_KERNEL { … }.

@@ -1,9 +1,9 @@
 """Finds, compiles and loads the engine plugin `mjframes.soft`.
 
 An engine plugin works only with the very MuJoCo it was compiled for, so a library's name carries that version and a
-digest of its sources: libmjframes_soft-<MuJoCo version>-<digest>.so. A wheel holds one such library and the sources.
-Where it does not fit the installed MuJoCo, and in a checkout always, the sources are compiled once into a cache of the
-user, without CMake.
+digest of its sources: libmjframes_soft-<MuJoCo version>-<digest>.so. A wheel holds the sources, and a library for each
+MuJoCo that was out when it was made. Where none fits the installed MuJoCo, and in a checkout always, the sources are
+compiled once into a cache of the user, without CMake.
 """
 
 from __future__ import annotations
@@ -99,13 +99,19 @@ def source_directory() -> Path:
     raise MjframesError(f"the plugin's sources are neither in {_PACKAGED} nor in {_CHECKOUT}; install mjframes again.")
 
 
-def library_name(sources: Path) -> str:
-    """Return the file name of what these sources give for the installed MuJoCo; CMakeLists.txt computes the same."""
+def library_name(sources: Path, version: str = mujoco.mj_versionString()) -> str:
+    """Return the file name of what these sources give for a MuJoCo; CMakeLists.txt computes the same."""
     patterns = ("*.cc", "*.h", "laws/*.h", FLAGS_FILE)
     files = sorted(path.relative_to(sources).as_posix() for pattern in patterns for path in sources.glob(pattern))
     manifest = "".join(f"{hashlib.sha256((sources / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
     digest = hashlib.sha256(manifest.encode()).hexdigest()[:12]
-    return f"libmjframes_soft-{mujoco.mj_versionString()}-{digest}.so"
+    return f"libmjframes_soft-{version}-{digest}.so"
+
+
+def packaged_versions(sources: Path) -> list[str]:
+    """Return the versions of MuJoCo that a wheel's libraries beside its sources fit; none in a checkout."""
+    versions = {path.name.split("-")[1] for path in sources.glob(library_name(sources, "*"))}
+    return sorted(versions, key=lambda version: [int(number) for number in version.split(".")])
 
 
 def find_compiler() -> list[str]:
@@ -119,9 +125,11 @@ def find_compiler() -> list[str]:
         if shutil.which(words[0]):
             return words
     looked_for = f"CXX is {chosen!r}, which is no command" if chosen else "there is no c++, g++ or clang++"
+    ready = packaged_versions(source_directory())
+    instead = f", or install a MuJoCo that needs none: pip install mujoco=={ready[-1]}" if ready else ""
     raise MjframesError(
         f"no C++ compiler found to build the plugin for MuJoCo {mujoco.mj_versionString()} ({looked_for}); "
-        "install g++ (Debian, Ubuntu: apt-get install g++) or set CXX to a compiler."
+        f"install g++ (Debian, Ubuntu: apt-get install g++) or set CXX to a compiler{instead}."
     )
 
 
@@ -133,13 +141,19 @@ def _compile_once(sources: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         with _locked(target.with_suffix(".lock")):
             if not target.is_file():
-                with _progress(f"Compiling {NAME} for MuJoCo {mujoco.mj_versionString()}; this happens once."):
+                with _progress(_reason_to_compile(sources)):
                     _compile(compiler, sources, include, mujoco_library, target)
     except OSError as error:
         raise MjframesError(
             f"cannot compile the plugin into {target.parent} ({error.strerror}); "
             "set XDG_CACHE_HOME to a directory that can be written."
         ) from error
+
+
+def _reason_to_compile(sources: Path) -> str:
+    ready = packaged_versions(sources)
+    without = f", as mjframes comes with libraries for MuJoCo {' and '.join(ready)} only" if ready else ""
+    return f"Compiling {NAME} for MuJoCo {mujoco.mj_versionString()}{without}; this happens once."
 
 
 def _compile(compiler: list[str], sources: Path, include: Path, mujoco_library: Path, target: Path) -> None:
@@ -194,8 +208,9 @@ def _locked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(message: str) -> Iterator[None]:
-    """Shows the message while something runs, on a terminal only."""
+    """Says what is going on: on a terminal while it does, elsewhere as a line of stderr."""
     if not sys.stderr.isatty():
+        print(message, file=sys.stderr)
         yield
         return
     from rich.console import Console  # MuJoCo 4 imports this module with itself: keep it light

@@ -73,6 +73,29 @@ def test_a_library_beside_the_sources_needs_no_compiler(sources: Path, monkeypat
     assert plugin.library_path() == packaged
 
 
+def test_a_mujoco_newer_than_the_wheel_is_compiled_for_with_a_sentence(
+    sources: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for version in ("3.9.0", "3.17.0", "3.10.0"):
+        (sources / plugin.library_name(sources, version)).touch()
+    (sources / "libmjframes_soft-9.9.9-000000000000.so").touch()  # of other sources
+    mine = sources / plugin.library_name(sources)
+    mine.unlink(missing_ok=True)
+    ready = " and ".join(v for v in ("3.9.0", "3.10.0", "3.17.0") if v != mujoco.mj_versionString())
+    assert plugin.library_path().parent == cache_directory()
+    assert (
+        f"for MuJoCo {mujoco.mj_versionString()}, as mjframes comes with libraries for MuJoCo {ready} only"
+        in capfd.readouterr().err
+    )
+
+
+def test_without_a_compiler_a_mujoco_that_needs_none_is_named(sources: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (sources / plugin.library_name(sources, "3.99.0")).touch()
+    monkeypatch.setenv("CXX", "no-such-compiler")
+    with pytest.raises(MjframesError, match=r"apt-get install g\+\+.* or install .*: pip install mujoco==3\.99\.0\.$"):
+        plugin.library_path()
+
+
 @pytest.mark.parametrize("edited", ["register.cc", plugin.FLAGS_FILE])
 def test_an_edit_makes_the_library_stale(sources: Path, edited: str) -> None:
     before = plugin.library_name(sources)
@@ -106,7 +129,8 @@ def test_cmake_names_the_library_as_python_does(tmp_path: Path) -> None:
     python = f"-DPython_EXECUTABLE={sys.executable}"
     command = [cmake, "-S", REPOSITORY / "plugin", "-B", tmp_path, "-G", "Unix Makefiles", python]
     subprocess.run(command, check=True, capture_output=True)
-    build_files = (tmp_path / "CMakeFiles" / "mjframes_soft.dir" / "build.make").read_text()
+    (build_file,) = tmp_path.glob("CMakeFiles/mjframes_soft-*.dir/build.make")
+    build_files = build_file.read_text()
     assert plugin.library_name(REPOSITORY / "plugin") in build_files
 
 

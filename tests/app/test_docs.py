@@ -1,0 +1,73 @@
+"""What the documentation says: its snippets run, and it has all that is public."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import mjframes as mf
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SNIPPET = re.compile(r"^```(python|sh)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def snippets(page: Path) -> list[tuple[str, str]]:
+    """Python, and mjframes' own commands, in the order of the page."""
+    found = SNIPPET.findall(page.read_text(encoding="utf-8"))
+    return [(kind, text) for kind, text in found if kind == "python" or page.name == "first_hour.md"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What a reader has: the models, and the two meshes that the README names."""
+    (tmp_path / "models").mkdir()
+    for model in (ROOT / "models").iterdir():
+        shutil.copy(model, tmp_path / "models")
+    trimesh.creation.box((0.04, 0.02, 0.02)).export(tmp_path / "flesh.obj")
+    trimesh.creation.box((0.02, 0.01, 0.01)).export(tmp_path / "bone.stl")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if snippets(page)], ids=lambda page: page.stem)
+def test_snippets_run_one_after_the_other(page: Path, folder: Path) -> None:
+    labels = np.ones((8, 8, 8), int)
+    labels[3:5, 3:5] = 2
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    names: dict[str, object] = {"labels": labels, "__name__": page.stem}
+    for kind, text in snippets(page):
+        if kind == "python":
+            exec(compile(text, str(page), "exec"), names)
+            continue
+        for line in text.splitlines():
+            program, *arguments = shlex.split(line)
+            assert program == "mjframes"
+            command = [sys.executable, "-m", "mjframes", *arguments]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True)
+            assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_reference_has_all_that_is_public() -> None:
+    documented = re.findall(r"^\.\. auto\w+:: mjframes\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(documented) == sorted(mf.__all__)
+
+
+def test_every_example_is_in_the_gallery() -> None:
+    gallery = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    assert not [path.name for path in (ROOT / "examples").glob("*.py") if f"`examples/{path.name}`" not in gallery]
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    listed = {line for block in re.findall(r"```{toctree}\n(.*?)```", index, re.DOTALL) for line in block.split()}
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"} <= listed
