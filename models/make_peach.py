@@ -32,7 +32,7 @@ MATERIALS = {
 def make_peach() -> Volume:
     """The volume: z points to the stem, the groove lies towards x, the red cheek towards −y; the middle is at 0."""
     half = round(1.1 * RADIUS / SPACING)
-    axis = SPACING * (np.arange(2 * half) - half + 0.5)
+    axis = SPACING * (np.arange(2 * half, dtype=np.float64) - half + 0.5)
     at: Array = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
     distance = np.linalg.norm(at, axis=-1)
     depth = _radius(at / distance[..., None]) - distance  # > 0 inside, exact enough this near to a ball
