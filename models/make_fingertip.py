@@ -28,9 +28,12 @@ MATERIALS = {
 
 def make_fingertip() -> Volume:
     """The volume; x = y = 0 is the middle of the plate, z = 0 where the pad is glued to it."""
-    sides = [np.arange(-round(half / SPACING), round(half / SPACING)) + 0.5 for half in (HALF_WIDTH, HALF_LENGTH)]
-    height = np.arange(-round(BACK / SPACING), round(BULGE / SPACING)) + 0.5
-    x, y, z = (SPACING * some for some in np.meshgrid(*sides, height, indexing="ij"))
+    sides = [
+        np.arange(-round(half / SPACING), round(half / SPACING), dtype=np.float64) + 0.5
+        for half in (HALF_WIDTH, HALF_LENGTH)
+    ]
+    height = np.arange(-round(BACK / SPACING), round(BULGE / SPACING), dtype=np.float64) + 0.5
+    x, y, z = (SPACING * np.asarray(some, np.float64) for some in np.meshgrid(*sides, height, indexing="ij"))
     # a superellipse in the plane, so that the pad fills the plate, and rounded upwards
     plan = ((np.abs(x) / HALF_WIDTH) ** 3 + (np.abs(y) / HALF_LENGTH) ** 3) ** (1 / 3)
     outside = _dome(plan, z, BULGE)

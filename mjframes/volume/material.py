@@ -56,9 +56,8 @@ class Material:
                 f"density{of} is {self.density!r}; it must be a positive density in kg/m³, "
                 f"{DENSITY[0]:g} to {DENSITY[1]:g}."
             )
-        for what, color in {"rgba": self.rgba, "veins": self.veins}.items():
-            if color is None and what == "veins":
-                continue
+        colors = {"rgba": self.rgba} | ({} if self.veins is None else {"veins": self.veins})
+        for what, color in colors.items():
             if np.shape(color) != (4,) or not all(is_number(c) and 0 <= c <= 1 for c in color):
                 raise MjframesError(f"{what}{of} is {color!r}; it must be four numbers between 0 and 1.")
         if not (is_number(self.vein_spacing) and self.vein_spacing > 0):
