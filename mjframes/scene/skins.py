@@ -13,6 +13,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links
 from mjframes.scene.carriers import Carrier
 from mjframes.scene.plugin_text import SEPARATOR
+from mjframes.scene.veins import add_veined_material, vein_coordinates
 
 SKIN_WEIGHT = 1e-4  # [-] smaller skin weights are left out: below single precision of a pixel
 
@@ -37,16 +38,20 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
         bones = np.flatnonzero(np.diff(weights.indptr)).tolist()
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
-        spec.add_skin(
-            name=name
-            + SEPARATOR
-            + "_".join(filter(None, [material.name, "" if names[material.name] == 1 else str(label)])),
+        own = "_".join(filter(None, [material.name, "" if names[material.name] == 1 else str(label)]))
+        added = spec.add_skin(
+            name=name + SEPARATOR + own,
             vert=skin.vertices[used].ravel(),
             face=local.ravel(),
-            rgba=material.rgba,
             bodyname=[f"{name}{SEPARATOR}{carried[c].points[0]}" for c in bones],
             bindpos=np.ravel([carried[c].pose[1] for c in bones]),
             bindquat=np.ravel([links.quaternion(carried[c].pose[0]) for c in bones]),
             vertid=[weights.indices[column].tolist() for column in columns],
             vertweight=[weights.data[column].tolist() for column in columns],
         )
+        if material.veins is None:
+            added.rgba = material.rgba
+        else:  # MuJoCo takes a skin's own colour before that of its material
+            add_veined_material(spec, material, added.name)
+            added.material = added.name
+            added.texcoord = vein_coordinates(skin.vertices[used], material.vein_spacing).ravel()

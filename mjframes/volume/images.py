@@ -121,7 +121,11 @@ def write_materials(materials: Mapping[int, Material]) -> str:
 def _parse_materials(path: Path, text: str) -> dict[int, Material]:
     try:
         entries: dict[str, dict[str, Any]] = json.loads(text)
-        return {int(label): Material(**{**entry, "rgba": tuple(entry["rgba"])}) for label, entry in entries.items()}
+        colors = {
+            label: {name: tuple(entry[name]) for name in ("rgba", "veins") if entry.get(name) is not None}
+            for label, entry in entries.items()
+        }
+        return {int(label): Material(**{**entry, **colors[label]}) for label, entry in entries.items()}
     except MjframesError as error:
         raise MjframesError(f"{path}: {error}") from error
     except (AttributeError, KeyError, TypeError, ValueError) as error:

@@ -87,7 +87,7 @@ def test_an_example_looks_as_it_did(scene: Callable[[], Scene], golden: Goldens)
 
 def test_goldens_are_small() -> None:
     sizes = {path.name: path.stat().st_size for path in GOLDENS.iterdir()}
-    assert len(sizes) == 8
+    assert len(sizes) == 9
     assert max(sizes.values()) < 100_000
 
 

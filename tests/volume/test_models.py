@@ -62,7 +62,20 @@ def knee() -> Volume:
     return Volume.load(MODELS / "knee.npz")
 
 
-@pytest.mark.parametrize("name", ["steak", "knee"])
+@pytest.fixture(scope="module")
+def fingertip() -> Volume:
+    return Volume.load(MODELS / "fingertip.npz")
+
+
+@pytest.fixture(scope="module")
+def peach() -> Volume:
+    return Volume.load(MODELS / "peach.npz")
+
+
+NAMES = ["steak", "knee", "fingertip", "peach"]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_volume_is_what_its_script_makes(name: str, request: pytest.FixtureRequest) -> None:
     shipped: Volume = request.getfixturevalue(name)
     spec = importlib.util.spec_from_file_location(f"make_{name}", MODELS / f"make_{name}.py")
@@ -104,9 +117,43 @@ def test_knees_tendon_spans_from_muscle_to_tibia(knee: Volume) -> None:
     assert sorted(touched, key=sorted) == [{"muscle", "patella"}, {"patella", "tibia"}]
 
 
-@pytest.mark.parametrize("name", ["steak", "knee"])
+@pytest.mark.parametrize("name", NAMES)
 def test_readme_counts_the_voxels(name: str, request: pytest.FixtureRequest) -> None:
     volume: Volume = request.getfixturevalue(name)
     readme = (MODELS / "README.md").read_text(encoding="utf-8")
     for label, material in volume.materials.items():
         assert f"| {label} | {material.name} | {(volume.labels == label).sum():,} |" in readme
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_are_small(name: str) -> None:
+    assert (MODELS / f"{name}.npz").stat().st_size < 200_000
+
+
+def _at_the_surface(volume: Volume) -> np.ndarray:
+    """Whether voxels inside have a face neighbour outside."""
+    inside = np.pad(volume.labels, 1) > 0
+    return (inside & ~np.asarray(ndimage.binary_erosion(inside), bool))[1:-1, 1:-1, 1:-1]
+
+
+def test_fingertips_skin_covers_its_core(fingertip: Volume) -> None:
+    """The plate lies under all of the pad; no core is at the surface but where it is glued on."""
+    require_connected(fingertip)
+    skin, core, plate = (fingertip.labels == label for label in (1, 2, 3))
+    assert not (_at_the_surface(fingertip) & core).any()
+    glued = round(-fingertip.origin[2] / fingertip.spacing[2])  # the layer above z = 0
+    assert not plate[:, :, glued:].any()
+    np.testing.assert_array_equal((skin | core)[:, :, glued] <= plate[:, :, glued - 1], True)
+    assert fingertip.materials[1].young < fingertip.materials[2].young
+    assert fingertip.materials[3].is_rigid
+
+
+def test_peach_has_a_stone_in_flesh_in_skin(peach: Volume) -> None:
+    require_connected(peach)
+    around = np.ones((3, 3, 3), bool)
+    outer, flesh, stone = np.isin(peach.labels, (1, 2)), peach.labels == 3, peach.labels == 4
+    assert not (_at_the_surface(peach) & ~outer).any()
+    assert not (np.asarray(ndimage.binary_dilation(stone, around), bool) & ~stone & ~flesh).any()
+    assert len(_piece_sizes(stone)) == 1
+    volume = (peach.labels > 0).sum() * peach.spacing.prod()
+    assert 1.1e-4 < volume < 1.35e-4  # [m³]: that of a ball of 60 to 64 mm
