@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
-import warnings
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
 import mujoco
@@ -20,18 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mjframes as mf
+from mjframes.dm.rodent import clothe, rodent
 
 Array = NDArray[np.float64]
 
-VOXELS, FREE = 60_000, 11
-FLESH = mf.Material(young=5e3, poisson=0.45, density=1000, name="flesh", rgba=(0.75, 0.66, 0.6, 1))
-BONES = {  # link of the rodent: its bones' size, of that of its geoms, which reach to the skin in most places
-    "torso": 0.8, "pelvis": 0.7, "skull": 0.9,
-    "vertebra_C2": 1.0, "vertebra_C5": 1.2, "vertebra_C11": 1.3,
-    "vertebra_C19": 1.6, "vertebra_C24": 1.8, "vertebra_C29": 1.8,
-    "upper_leg_L": 0.6, "upper_leg_R": 0.6, "lower_leg_L": 0.7, "lower_leg_R": 0.7, "foot_L": 1.0, "foot_R": 1.0,
-    "upper_arm_L": 0.6, "upper_arm_R": 0.6, "lower_arm_L": 1.0, "lower_arm_R": 1.0,
-}  # fmt: skip
 BELLY = (-0.01, 0.0, 0.042)  # [m] a material point halfway between ribs and pelvis, near the skin
 DURATION, BEAT, SHAKE = 3.0, 3.0, 0.008  # [s], [Hz], [m] by which the torso goes up and down
 GAIT = {"hip_L_extend": 0.5, "hip_R_extend": -0.5, "shoulder_L": -0.5, "shoulder_R": 0.5, "lumbar_bend": 0.15}
@@ -48,68 +38,20 @@ class Rat:
     rate: float
 
 
-def rodent() -> mujoco.MjSpec:
+def shaken() -> mujoco.MjSpec:
     """dm_control's walker, held by a slide that shakes its torso."""
-    spec = mujoco.MjSpec.from_file(str(files("dm_control") / "locomotion/walkers/assets/rodent.xml"))
+    spec = rodent()
     spec.body("torso").add_joint(name="shake", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], range=[-1, 1])
     motor = spec.add_actuator(name="shake", target="shake", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     motor.set_to_position(kp=3e3, kv=60)
     sky, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], rgb2=[1, 1, 1], width=8, height=48)
-    for geom in spec.geoms:
-        geom.group, geom.density = 3, geom.density / 2  # out of sight; half of the mass is flesh
     return spec
 
 
-def skin_volume(model: mujoco.MjModel, data: mujoco.MjData) -> mf.Volume:
-    """What the skin encloses in the pose of `data`."""
-    import trimesh
-
-    scene = mujoco.MjvScene(model, 1000)
-    everything = mujoco.mjtCatBit.mjCAT_ALL.value
-    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), everything, scene)
-    skin = trimesh.Trimesh(np.reshape(scene.skinvert, (-1, 3)), model.skin_face, process=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mf.MeshWarning)  # toes and the tip of the tail are thinner than a voxel
-        return mf.Volume.from_meshes([(skin, FLESH)], voxels=VOXELS).largest_component()
-
-
-def bones(model: mujoco.MjModel, data: mujoco.MjData, volume: mf.Volume) -> list[mf.Attached]:
-    """The voxels in the geoms of each link."""
-    voxels, centers = np.argwhere(volume.labels > 0), volume.centers
-    taken, found = np.zeros(volume.labels.shape, bool), []
-    for link, size in BONES.items():
-        inside = np.zeros(len(voxels), bool)
-        for geom in np.flatnonzero(model.geom_bodyid == model.body(link).id):
-            local = (centers - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
-            inside |= _depth(model.geom_type[geom], model.geom_size[geom], local) < size
-        mask = np.zeros_like(taken)
-        mask[tuple(voxels[inside].T)] = True
-        found.append(mf.Attached(link, mask & ~taken))
-        taken |= mask
-    return found
-
-
-def _depth(kind: int, size: Array, p: Array) -> Array:
-    """0 in the middle of a sphere, capsule or ellipsoid, 1 on its surface [-]."""
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return np.linalg.norm(p / size, axis=1)
-    half = size[1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
-    along = p[:, 2] - np.clip(p[:, 2], -half, half)
-    return np.linalg.norm(np.column_stack([p[:, :2], along]), axis=1) / size[0]
-
-
 def rat() -> tuple[mf.SoftBody, mujoco.MjModel]:
-    spec = rodent()
-    bare = spec.compile()
-    data = mujoco.MjData(bare)
-    mujoco.mj_forward(bare, data)
-    volume = skin_volume(bare, data)
-    body = mf.build(volume, FREE, supports=bones(bare, data, volume), damping=(0.0, 0.005))
-    spec.delete(spec.skins[0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mf.BranchWarning)  # legs and spine are different branches
-        mf.attach(spec, body, "flesh", contact=False)
+    spec = shaken()
+    body = clothe(spec)
     spec.worldbody.add_camera(name="beside", pos=[-0.03, -0.33, 0.08], xyaxes=[1, 0, 0, 0, 0.15, 1])
     return body, spec.compile()
 
