@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mjframes.scene.contact import Contact
     from mjframes.scene.inertia import mass_matrix, rigid_inertia
     from mjframes.scene.load import load_scene
+    from mjframes.scene.placing import place
     from mjframes.scene.scaling import scale
     from mjframes.scene.sensors import add_sensor
     from mjframes.scene.view import Soft, soft
@@ -75,6 +76,7 @@ __all__ = [
     "film",
     "load_scene",
     "mass_matrix",
+    "place",
     "record",
     "rigid_inertia",
     "scale",
@@ -96,6 +98,7 @@ _HOMES = {
     "scene.contact": ("Contact",),
     "scene.inertia": ("mass_matrix", "rigid_inertia"),
     "scene.load": ("load_scene",),
+    "scene.placing": ("place",),
     "scene.scaling": ("scale",),
     "scene.sensors": ("add_sensor",),
     "scene.view": ("Soft", "soft"),

@@ -22,6 +22,8 @@ ORDER = [
     "body",
     "scene",
     "app",
+    "dm",
+    "envs",
     "benchmarks",
     "cli",
 ]

@@ -155,10 +155,15 @@ class SoftBody:
         """Return what `save` wrote. Raise MjframesError for anything else."""
         arrays = read_archive(path, WHAT, KIND, BODY_VERSION)
         try:
-            body = restored(SoftBody, arrays)
-            return replace(body, fields=body.fields.normalised())
+            return unpacked(arrays)
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise MjframesError(f"{path}: arrays of the soft body are missing or damaged; build it again.") from error
+
+
+def unpacked(arrays: Mapping[str, np.ndarray]) -> SoftBody:
+    """Return the soft body of arrays that `packed` made. Raise KeyError, TypeError or ValueError for other arrays."""
+    body = restored(SoftBody, arrays)
+    return replace(body, fields=body.fields.normalised())
 
 
 def is_soft_body(path: str | os.PathLike[str]) -> bool:

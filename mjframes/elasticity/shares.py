@@ -7,8 +7,8 @@ selection.py) only the rows R = [Y, C] of the frame's own points are kept, which
     R(s) = s_M R + Σ_{m<M} (s_m − s_M) R_m
     K(s) = R(s)ᵀ C(s)⁻¹ R(s) + s_M Q,   Q = K − Rᵀ C⁻¹ R
 
-That is right to first order, and positive semi-definite for all s > 0, as C(s) and Q are. Q is 0 but for what holds null
-modes. A region that is a sum over voxels has all its points as its own, and K(s) = R(s) exactly.
+That is right to first order, and positive semi-definite for all s > 0, as C(s) and Q are. Q is 0 but for what holds
+null modes. A region that is a sum over voxels has all its points as its own, and K(s) = R(s) exactly.
 Index letters: m material, M the last; o a region's own control points, the last ones. The plugin computes the same
 (plugin/shares.cc).
 """

@@ -411,11 +411,7 @@ def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody |
     body: what it was built as. Material points and frames need it, where it was not attached in this process.
     Raise MjframesError where the model has none of that name, and for another body.
     """
-    instances = _instances(model)
-    if name not in instances:
-        known = ", ".join(map(repr, instances)) or "none"
-        raise MjframesError(f"name is {name!r} but the model's soft bodies are: {known}.")
-    instance = instances[name]
+    instance = instance_of(model, name)
     configuration = _configuration(model, instance)
     carriers = np.flatnonzero(model.body_plugin == instance)
     bodies = np.empty(decode(configuration["point_mass"]).size, int)
@@ -429,6 +425,15 @@ def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody |
 def soft_names(model: mujoco.MjModel) -> list[str]:
     """Return the names of the model's soft bodies."""
     return list(_instances(model))
+
+
+def instance_of(model: mujoco.MjModel, name: str) -> int:
+    """Return the plugin instance of soft body `name`. Raise MjframesError where the model has none of that name."""
+    instances = _instances(model)
+    if name not in instances:
+        known = ", ".join(map(repr, instances)) or "none"
+        raise MjframesError(f"name is {name!r} but the model's soft bodies are: {known}.")
+    return instances[name]
 
 
 def _instances(model: mujoco.MjModel) -> dict[str, int]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mjframes as mf
-from examples import kernels, knee, rat
+from examples import kernels, knee
 from examples.steak import run, steak_scene
 from mjframes.app.log.read import read_log
 from mjframes.testing import Goldens
@@ -60,9 +60,12 @@ def test_kernels_of_figure_6(tmp_path: Path) -> None:
 @pytest.mark.dm_control
 def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golden: Goldens) -> None:
     pytest.importorskip("dm_control")
+    from examples import rat
+    from mjframes.dm.rodent import BONES, FREE
+
     found = rat.run(tmp_path, duration=0.4)
     assert (tmp_path / "rat.mp4").stat().st_size > 10_000
-    assert len(found.body.types) == len(rat.BONES) + rat.FREE
+    assert len(found.body.types) == len(BONES) + FREE
     assert not any(warning.number for warning in found.data.warning)
     sway = np.ptp(found.belly, axis=0)
     assert 3e-3 < sway[1] < 0.02  # [m]: the spine bends, and the belly with it
@@ -70,7 +73,18 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
     assert found.stretch.max() < 5  # in the ankles; boneless toes stretched by 18
     assert np.count_nonzero(found.stretch > 3) < 0.001 * len(found.stretch)
     view = mf.soft(found.model, found.data, "flesh")
-    assert found.body.links == tuple(rat.BONES)
+    assert found.body.links == tuple(BONES)
     assert view.elastic_energy > 0
     golden(found.model, mujoco.MjData(found.model), "rat", "beside")
     golden(found.model, found.data, "running_rat", "beside")
+
+
+@pytest.mark.dm_control
+def test_a_jaco_arm_lifts_the_steak() -> None:
+    from examples import lift
+
+    found = lift.lift(lift.started(seed=0))
+    assert found.rise > 0.15  # [m], all through the last second
+    assert found.clearance > 0.02  # [m] above the block, of the lowest point
+    assert found.rewards[0] == 0
+    assert found.rewards[-1] == 1

@@ -1,0 +1,183 @@
+"""The task of lifting a steak (`mjframes.dm.lift`) for Gymnasium: one world, or many on the threads of one process.
+
+Action (9,) in [−1, 1]: velocities of the joints, of the most that each motor does. Observation: the features of
+`mjframes.dm.lifting` one behind the other, cut off at ±BOUND. Reward, start and length of an episode are those of the
+task; it is truncated after 10 s, and terminated where the physics fails. A world does the same to the bit alone and
+among others, for a seed and its actions.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError
+from mjframes.dm import lift, lifting
+from mjframes.dm.lifting import Layout
+from mjframes.scene.scaling import scale
+
+Array = NDArray[np.float64]
+
+STEPS = round(lifting.CONTROL_TIMESTEP / lifting.PHYSICS_TIMESTEP)  # of physics in one of control
+EPISODE = round(lifting.TIME_LIMIT / lifting.CONTROL_TIMESTEP)  # control steps
+BOUND = 100.0  # [m, rad/s, N, …] of observations; nothing but hard blows goes beyond
+PICTURE = (240, 320)  # height and width of what is drawn
+FAILURES = [
+    mujoco.mjtWarning.mjWARN_BADQPOS.value,
+    mujoco.mjtWarning.mjWARN_BADQVEL.value,
+    mujoco.mjtWarning.mjWARN_BADQACC.value,
+]
+
+
+@cache
+def _compiled() -> tuple[mujoco.MjModel, Layout]:
+    scene = lift.scene()
+    model = mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model).model.ptr
+    return model, scene.layout(model)
+
+
+def _spaces(model: mujoco.MjModel, at: Layout) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    """Of actions and observations."""
+    size = lifting.features(at, mujoco.MjData(model)).size
+    box = gymnasium.spaces.Box
+    return box(-1.0, 1.0, (model.nu,), np.float64), box(-BOUND, BOUND, (size,), np.float64)
+
+
+def _observed(at: Layout, data: Any) -> Array:
+    return np.clip(lifting.features(at, data), -BOUND, BOUND)
+
+
+class LiftSteak(gymnasium.Env):
+    """One world."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / lifting.CONTROL_TIMESTEP)}  # noqa: RUF012
+
+    def __init__(self, render_mode: str | None = None) -> None:
+        """Compile the scene, which takes seconds the first time in a process; render_mode: None or "rgb_array"."""
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise MjframesError(f"render_mode is {render_mode!r}; it must be None or 'rgb_array'.")
+        model, self._at = _compiled()
+        self.model = copy.copy(model)
+        self.data = mujoco.MjData(self.model)
+        self.render_mode = render_mode
+        self.action_space, self.observation_space = _spaces(self.model, self._at)
+        self._renderer: Any = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode."""
+        super().reset(seed=seed, options=options)
+        start = lifting.starting(self.model, self._at, self.np_random)
+        scale(self.model, self._at.name, start.stiffness)
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = start.qpos
+        mujoco.mj_forward(self.model, self.data)
+        return _observed(self._at, self.data), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Go on by 40 ms."""
+        self.data.ctrl[:] = action * self.model.actuator_ctrlrange[:, 1]
+        mujoco.mj_step(self.model, self.data, nstep=STEPS)
+        mujoco.mj_step1(self.model, self.data)  # sensors of the new state
+        failed = any(self.data.warning[kind].number for kind in FAILURES)
+        reward = 0.0 if failed else float(lifting.reward(self._at, self.data))
+        return _observed(self._at, self.data), reward, failed, False, {}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture (height, width, 3) in the mode "rgb_array"."""
+        if self.render_mode is None:
+            return None
+        renderer = self._renderer = self._renderer or mujoco.Renderer(self.model, *PICTURE)
+        renderer.update_scene(self.data, lift.CAMERA["name"])
+        return renderer.render()
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+class LiftSteakVector(VectorEnv):
+    """Many worlds in one process, each with a steak of its own stiffness; threads step them.
+
+    A world that has ended starts again in the next step, whose action it ignores. A seed is that of world 0, seed + i
+    that of world i; or give one each. `LiftSteakVector(64, threads=2)`, or `gymnasium.make_vec`.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self, num_envs: int = 1, threads: int = 0, max_episode_steps: int = EPISODE, render_mode: str | None = None
+    ) -> None:
+        """Make the worlds. threads: 0 takes all processors."""
+        for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise MjframesError(f"{name} is {value!r}; it must be a whole number ≥ {least}.")
+        if render_mode is not None:
+            raise MjframesError(f"render_mode is {render_mode!r}; many worlds are not drawn, make one LiftSteak.")
+        model, self._at = _compiled()
+        self.batch = Batch(model, num_envs, threads)
+        for name in ("qpos", "qvel", "sensordata", "qfrc_constraint", "site_xpos", "site_xmat"):
+            self.batch.bind(name)
+        self.num_envs, self.render_mode = num_envs, None
+        self.single_action_space, self.single_observation_space = _spaces(model, self._at)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._limit = max_episode_steps
+        self._random: list[np.random.Generator] = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._count = np.zeros(num_envs, int)
+        self._ended = np.zeros(num_envs, bool)
+
+    def reset(  # type: ignore[override]
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every world."""
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        if len(seeds) != self.num_envs:
+            raise MjframesError(f"seed has {len(seeds)} numbers; give one, or {self.num_envs}.")
+        for world, own in enumerate(seeds):
+            if own is not None:
+                self._random[world] = seeding.np_random(own)[0]
+        self._start(np.arange(self.num_envs))
+        return _observed(self._at, self.batch), {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Go on by 40 ms, or start again where the step before ended an episode."""
+        ended = self._ended
+        going = np.flatnonzero(~ended)
+        if ended.any():
+            self._start(np.flatnonzero(ended))
+        if len(going):
+            self.batch.ctrl[going] = np.asarray(actions)[going] * self.batch.model.actuator_ctrlrange[:, 1]
+            self.batch.step(going, STEPS, mujoco.mjtStage.mjSTAGE_VEL.value)
+            self._count[going] += 1
+        failed = self.batch.warning[:, FAILURES, 1].any(axis=1) & ~ended
+        rewards = np.where(failed | ended, 0.0, lifting.reward(self._at, self.batch))
+        truncated = (self._count >= self._limit) & ~ended
+        self._ended = failed | truncated
+        return _observed(self._at, self.batch), rewards, failed, truncated, {}
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Do nothing: the worlds go with the object."""
+
+    def _start(self, worlds: NDArray[np.int64]) -> None:
+        """Start an episode in some worlds."""
+        self.batch.reset(worlds, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        for world in worlds:
+            start = lifting.starting(self.batch.model, self._at, self._random[world])
+            self.batch.qpos[world] = start.qpos
+            scale(self.batch, self._at.name, start.stiffness, worlds=[world])
+        self.batch.forward(worlds)
+        self._count[worlds] = 0

@@ -1,0 +1,120 @@
+"""Where a free soft body is put, as it is at rest: the joint coordinates of a pose, read from a model alone.
+
+    x_c = R r_c + t        every body that carries control points, R of those that turn
+
+Its bodies are nested, so that a slide holds what its body moves by against the one it hangs on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError
+from mjframes.scene.links import Pose, compose, inverse, pose, quaternion
+from mjframes.scene.view import instance_of
+from mjframes.volume.material import is_number
+
+Array = NDArray[np.float64]
+Vector = Sequence[float] | Array
+
+
+@dataclass(frozen=True, eq=False)
+class Placing:
+    """The c bodies of a free soft body, in the model's order.
+
+    holder: pose in the world of the volume's coordinate system, where all coordinates are zero.
+    rest: (c, 3) places at rest, in volume coordinates [m].
+    above: (c,) the one that each hangs on, −1 for the holder.
+    turns: (c,) whether it has a ball joint.
+    qpos, qvel: addresses of the coordinates and velocities, body by body.
+    """
+
+    holder: Pose
+    rest: Array
+    above: NDArray[np.int64]
+    turns: NDArray[np.bool_]
+    qpos: NDArray[np.int64]
+    qvel: NDArray[np.int64]
+
+    def coordinates(self, pos: Vector, quat: Vector) -> Array:
+        """Return what `qpos` has where the volume's coordinate system is at pos [m], quat in the world, undeformed.
+
+        Raise MjframesError for what is no pose.
+        """
+        if (
+            np.shape(pos) != (3,)
+            or np.shape(quat) != (4,)
+            or not all(map(is_number, (*pos, *quat)))
+            or not np.any(quat)
+        ):
+            raise MjframesError(
+                f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components."
+            )
+        turn, shift = compose(inverse(self.holder), pose(pos, quat))
+        at = self.rest @ turn.T + shift
+        found: list[Array] = []
+        axes: list[Array] = []  # of each body, in the holder
+        for c, above in enumerate(self.above):
+            outer = axes[above] if above >= 0 else np.eye(3)
+            away = at[c] - (at[above] if above >= 0 else 0.0)
+            offset = self.rest[c] - (self.rest[above] if above >= 0 else 0.0)
+            found.append(away @ outer - offset)
+            if self.turns[c]:
+                found.append(quaternion(outer.T @ turn))
+            axes.append(turn if self.turns[c] else outer)
+        return np.concatenate(found)
+
+
+def placing(model: mujoco.MjModel, name: str) -> Placing:
+    """Return how soft body `name` of a model is placed.
+
+    Raise MjframesError where the model has no such soft body, and where it is held or hangs on what moves.
+    """
+    bodies = np.flatnonzero(model.body_plugin == instance_of(model, name))
+    if (model.body_jntnum[bodies] == 0).any():
+        raise MjframesError(f"{name!r} is held by the scene; only free soft bodies can be placed.")
+    holder = int(model.body_parentid[bodies[0]])
+    number = {int(body): c for c, body in enumerate(bodies)}
+    above = np.array([number.get(int(outer), -1) for outer in model.body_parentid[bodies]])
+    rest = np.zeros((len(bodies), 3))
+    for c, body in enumerate(bodies):
+        rest[c] = model.body_pos[body] + (rest[above[c]] if above[c] >= 0 else 0.0)
+    joints = [
+        range(start, start + count)
+        for start, count in zip(model.body_jntadr[bodies], model.body_jntnum[bodies], strict=True)
+    ]
+    ball = mujoco.mjtJoint.mjJNT_BALL
+    qpos, qvel = [], []
+    for joint in (j for some in joints for j in some):
+        is_ball = model.jnt_type[joint] == ball
+        qpos += range(model.jnt_qposadr[joint], model.jnt_qposadr[joint] + (4 if is_ball else 1))
+        qvel += range(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + (3 if is_ball else 1))
+    turns = np.array([any(model.jnt_type[j] == ball for j in some) for some in joints])
+    return Placing(_static_pose(model, holder, name), rest, above, turns, np.array(qpos), np.array(qvel))
+
+
+def place(model: mujoco.MjModel, data: mujoco.MjData, name: str, pos: Vector, quat: Vector = (1, 0, 0, 0)) -> None:
+    """Put free soft body `name` where its volume's coordinate system is at pos [m], quat in the world; at rest.
+
+    Call `mj_forward` behind it, as after any other change of `qpos`.
+    Raise MjframesError as `placing` does, and for what is no pose.
+    """
+    found = placing(model, name)
+    data.qpos[found.qpos] = found.coordinates(pos, quat)
+    data.qvel[found.qvel] = 0
+
+
+def _static_pose(model: mujoco.MjModel, body: int, name: str) -> Pose:
+    """The pose of a body in the world. Raise MjframesError where it moves."""
+    found: Pose = (np.eye(3), np.zeros(3))
+    while body:
+        if model.body_jntnum[body] or model.body_mocapid[body] >= 0:
+            raise MjframesError(f"{name!r} hangs on a body that moves; only those below the world can be placed.")
+        found = compose(pose(model.body_pos[body], model.body_quat[body]), found)
+        body = int(model.body_parentid[body])
+    return found

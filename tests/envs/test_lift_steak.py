@@ -1,0 +1,86 @@
+"""The steak in Gymnasium: its checker is content, and many worlds are to the bit what each of them is alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("gymnasium")
+pytest.importorskip("dm_control")
+
+import gymnasium
+import numpy as np
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from mjframes.base.errors import MjframesError
+from mjframes.envs import LiftSteak, LiftSteakVector
+
+pytestmark = pytest.mark.dm_control
+NAME = "mjframes.envs:LiftSteak-v0"
+STEPS, LIMIT = 12, 8  # with an end and a new start on the way
+
+
+def many(mode: str, **kwargs: Any) -> gymnasium.vector.VectorEnv:
+    return gymnasium.make_vec(NAME, num_envs=3, vectorization_mode=mode, max_episode_steps=LIMIT, **kwargs)
+
+
+def transitions(worlds: gymnasium.vector.VectorEnv, seed: Any) -> list[np.ndarray]:
+    found = [worlds.reset(seed=seed)[0]]
+    random = np.random.default_rng(0)
+    for _ in range(STEPS):
+        found += worlds.step(random.uniform(-1, 1, worlds.action_space.shape))[:4]
+    return [np.array(each) for each in found]
+
+
+@pytest.mark.filterwarnings("error")
+def test_gymnasiums_checker_is_content() -> None:
+    check_env(gymnasium.make(NAME).unwrapped)
+
+
+def test_many_worlds_are_each_alone_to_the_bit() -> None:
+    alone = transitions(many("sync"), seed=5)
+    for threads in (1, 2):
+        together = many("vector_entry_point", threads=threads)
+        for found, expected in zip(transitions(together, seed=5), alone, strict=True):
+            np.testing.assert_array_equal(found, expected)
+    ends = [found for found in alone if found.dtype == bool]
+    assert sum(end.sum() for end in ends) == 3  # truncated once each
+    assert any(np.ptp(found, axis=0).any() for found in alone)
+
+
+def test_an_ended_world_starts_again_in_the_next_step() -> None:
+    worlds = many("vector_entry_point")
+    assert worlds.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    found = transitions(worlds, seed=[1, 2, 3])
+    truncated, observed, rewards = found[4::4], found[1::4], found[2::4]
+    assert [end.all() for end in truncated] == [step == LIMIT - 1 for step in range(STEPS)]
+    assert not rewards[LIMIT].any()
+    hand = slice(24, 27)  # fingers
+    np.testing.assert_allclose(observed[LIMIT][:, hand], 0.15)
+    assert (observed[LIMIT] != found[0]).any()  # another episode of the same seed
+
+
+def test_a_seed_says_what_a_world_does() -> None:
+    worlds = LiftSteakVector(2, threads=1)
+    first, again, other = (worlds.reset(seed=seed)[0] for seed in (7, [7, 8], 9))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any(axis=1).all()
+    factors = worlds.batch.expand("numeric_data")[:, 0]
+    assert len(np.unique(factors)) == 2
+    assert ((factors > 0.5) & (factors < 2)).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [({"num_envs": 0}, "num_envs"), ({"threads": -1}, "threads"), ({"render_mode": "human"}, "render_mode")],
+)
+def test_bad_arguments_are_named(arguments: dict[str, object], words: str) -> None:
+    with pytest.raises(MjframesError, match=words):
+        LiftSteakVector(**arguments)  # type: ignore[arg-type]
+
+
+def test_one_world_is_drawn_or_not() -> None:
+    with pytest.raises(MjframesError, match="render_mode"):
+        LiftSteak(render_mode="human")
