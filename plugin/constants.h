@@ -60,6 +60,14 @@ inline constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's 
 inline constexpr int kMaxChain = 16;       // longer ones are cut: their U stays in the first-level cache
 inline constexpr int kTile = 4;            // rows that are updated together
 
+// Constraint rows (warm_start.h)
+
+inline constexpr size_t kStackReserve = 1 << 16;  // [bytes] of mjData's stack that are left to others
+inline constexpr int kMostRows = 1024;       // of an island: beyond, the factors of its rows cost more than MuJoCo's
+inline constexpr int kMostIterations = 30;   // of Newton's method; three are usual
+inline constexpr int kLineSearchSteps = 30;  // halving alone gets as far as rounding
+inline constexpr double kLineSearchSlope = 1e-9;  // [-] of the first one, that counts as zero
+
 // Contact: patches and the deformed volume (patch.h, deformed.h, touch.h)
 
 // The collision hook has only the thread's stack to work on.

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "constants.h"
+#include "impedance.h"
 #include "linear.h"
 #include "patch_field.h"
 #include "touch.h"
@@ -180,16 +181,12 @@ void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const S
   for (int s = 0; s < 2; s++) {
     for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
   }
-  scratch->impedance.ScaleContact(m, d, contact);
 }
 
 // MuJoCo finds the contacts of a flex itself, by the patch's signed distance (patch_field.h).
 void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, ContactScratch* scratch) {
   const SoftSide side[2] = {SideOf(m, d, contact.geom[0]), SideOf(m, d, contact.geom[1])};
-  if (!side[0].body && !side[1].body) {
-    if (scratch->impedance.Concerns(m, d, contact)) scratch->impedance.ScaleContact(m, d, contact);
-    return;
-  }
+  if (!side[0].body && !side[1].body) return;
   WriteContact(m, d, contact, side, scratch, [&](int s, double* weight) {
     AddPlaceWeights(side[s], d, {contact.pos[0], contact.pos[1], contact.pos[2]}, weight);
   });
@@ -198,7 +195,7 @@ void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, Con
 }  // namespace
 
 ContactScratch::ContactScratch(const mjModel* m)
-    : impedance(m), omega(kMaxCarried * m->nbody), moments{std::vector<Moments>(m->nv), std::vector<Moments>(m->nv)} {}
+    : omega(kMaxCarried * m->nbody), moments{std::vector<Moments>(m->nv), std::vector<Moments>(m->nv)} {}
 
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
@@ -208,14 +205,7 @@ void InstallCollisionHook() {
   }
 }
 
-void WriteConstraintRows(const mjModel* m, mjData* d, const std::vector<std::unique_ptr<SoftBody>>& bodies,
-                         ContactScratch* scratch) {
-  Impedance& impedance = scratch->impedance;
-  impedance.Start(m, d);
-  for (const std::unique_ptr<SoftBody>& body : bodies) {
-    if (body->model().changes_inertia) impedance.Mark(body->kinematics());
-  }
-  impedance.ScaleOthers(m, d);
+void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   TouchScratch touch;
   Touch found[kMaxTouches];
   SoftSide side[2];
@@ -254,10 +244,7 @@ void WriteConstraintRows(const mjModel* m, mjData* d, const std::vector<std::uni
       next = 0;
       find();
     }
-    if (next == count) {
-      if (impedance.Concerns(m, d, contact)) impedance.ScaleContact(m, d, contact);
-      continue;
-    }
+    if (next == count) continue;
     WriteContact(m, d, contact, side, scratch,
                  [&](int s, double* weight) { AddTouchWeights(side, found[next], touch, s, weight); });
     next++;

@@ -12,21 +12,16 @@
 #include <mujoco/mujoco.h>
 
 #include <array>
-#include <memory>
 #include <vector>
 
-#include "impedance.h"
 #include "kinematics.h"
 #include "linear.h"
 
 namespace mjframes {
 
-class SoftBody;
-
 // Memory for the rows of one model; allocated once.
 struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
-  Impedance impedance;
   std::vector<double> omega;                    // ω of each control point
   std::array<std::vector<Moments>, 2> moments;  // by side: of the movers         (≤ nv)
 };
@@ -34,10 +29,8 @@ struct ContactScratch {
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();
 
-// Writes the rows of every contact of every soft body, and the impedance of all constraint rows that soft bodies'
-// degrees of freedom are in, for the effective inertia, which has to be complete and factored.
-void WriteConstraintRows(const mjModel* m, mjData* d, const std::vector<std::unique_ptr<SoftBody>>& bodies,
-                         ContactScratch* scratch);
+// Writes the rows of every contact of every soft body.
+void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch);
 
 }  // namespace mjframes
 

@@ -433,6 +433,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
                                 double* stiffness, double* enlarged) {
   for (int first = 0; first < kWideLanes; first += kWidth<V>) {
     const Half<V> half{batch, first};
+    if (batch.pair[first] < 0) break;  // the last regions do not fill all lanes
     V R[9], S[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
     Unturn(half, x, scratch, R, S);

@@ -9,43 +9,22 @@
 
 #include <mujoco/mujoco.h>
 
-#include <vector>
+#include "row_inertia.h"
 
 namespace mjframes {
 
-class Kinematics;
-
-// Memory for the rows of one model; allocated once.
-class Impedance {
- public:
-  explicit Impedance(const mjModel* m);
-
-  // Before all others: what d->M is now. Degrees of freedom are those of bodies without elasticity until marked.
-  void Start(const mjModel* m, const mjData* d);
-  void Mark(const Kinematics& kinematics);
-
-  // Whether the contact moves marked degrees of freedom.
-  bool Concerns(const mjModel* m, const mjData* d, const mjContact& contact) const;
-
-  // The rows of a contact, from that of its normal. Done again it gives the same.
-  void ScaleContact(const mjModel* m, mjData* d, const mjContact& contact);
-
-  // Those rows of equalities, friction loss and limits that concern marked degrees of freedom.
-  void ScaleOthers(const mjModel* m, mjData* d);
-
- private:
-  bool RowConcerns(const mjModel* m, const mjData* d, int i) const;
-  double InverseInertia(const mjModel* m, mjData* d);
-  bool SolvePaths(const mjModel* m, const mjData* d);
-
-  std::vector<double> row_, half_;    // J and D^(−½) L^(−ᵀ) Jᵀ             (nv)
-  std::vector<double> path_;          // of these, on one path of a tree    (≤ nv)
-  std::vector<double> sqrt_inverse_;  // D^(−½)                             (nv)
-  std::vector<char> marked_;          //                                    (nv)
-};
+// Whether row i is a contact's.
+bool IsContact(const mjData* d, int i);
 
 // How many constraint rows a contact has.
 int RowCount(const mjModel* m, const mjContact& contact);
+
+// How many rows from row i on have one R: all of a contact, and those of one direction in space.
+int RowsTogether(const mjModel* m, const mjData* d, int i);
+
+// Sets R of the rows that belong together with those of the group, which starts at the first of them. Done again it
+// gives the same.
+void SetResistances(const mjModel* m, mjData* d, const RowGroup& group);
 
 }  // namespace mjframes
 

@@ -31,7 +31,11 @@ std::unique_ptr<World> World::Create(const mjModel* m) {
 }
 
 World::World(const mjModel* m, std::vector<std::unique_ptr<SoftBody>> bodies)
-    : bodies_(std::move(bodies)), of_instance_(m->nplugin), factor_(m, ChangedTrees(m)), rows_(m) {
+    : bodies_(std::move(bodies)),
+      of_instance_(m->nplugin),
+      factor_(m, ChangedTrees(m)),
+      contact_rows_(m),
+      rows_(m, ChangedDofs(m)) {
   for (const std::unique_ptr<SoftBody>& body : bodies_) {
     const SoftModel& model = body->model();
     of_instance_[body->instance()] = body.get();
@@ -48,6 +52,16 @@ std::vector<bool> World::ChangedTrees(const mjModel* m) const {
       const int tree = m->body_treeid[body];
       if (m->body_plugin[body] == soft->instance() && tree >= 0) changed[tree] = true;
     }
+  }
+  return changed;
+}
+
+// Whether each degree of freedom is one of a soft body that changes the inertia.
+std::vector<char> World::ChangedDofs(const mjModel* m) const {
+  std::vector<char> changed(m->nv, 0);
+  for (const std::unique_ptr<SoftBody>& body : bodies_) {
+    if (!body->model().changes_inertia) continue;
+    for (const Mover& mover : body->kinematics().movers()) std::fill_n(changed.begin() + mover.dof, mover.dofs, 1);
   }
   return changed;
 }
@@ -84,8 +98,9 @@ void World::Step(const mjModel* m, mjData* d) {
     factor_.Factor(m, d);
   }
 
-  // rows: of each contact tᵀ Σ_j ω_j J_j, and the impedance of all for the inertia as it is now
-  WriteConstraintRows(m, d, bodies_, &rows_);
+  // rows: of each contact tᵀ Σ_j ω_j J_j, then the impedance of all for the inertia as it is now, and their forces
+  WriteContactRows(m, d, &contact_rows_);
+  rows_.Finish(m, d);
 }
 
 void World::CheckOptions(const mjModel* m) {

@@ -26,6 +26,7 @@
 #include "contact.h"
 #include "factor.h"
 #include "soft_body.h"
+#include "warm_start.h"
 
 namespace mjframes {
 
@@ -49,13 +50,15 @@ class World {
   World(const mjModel* m, std::vector<std::unique_ptr<SoftBody>> bodies);
 
   std::vector<bool> ChangedTrees(const mjModel* m) const;
+  std::vector<char> ChangedDofs(const mjModel* m) const;
 
   std::vector<std::unique_ptr<SoftBody>> bodies_;  // in the order of their instances
   std::vector<SoftBody*> of_instance_;             // by plugin instance
   bool adds_ = false;                              // whether any adds to d->M what it does not replace
   bool touches_ = false;                           // whether any has patches
   InertiaFactor factor_;
-  ContactScratch rows_;
+  ContactScratch contact_rows_;
+  ConstraintRows rows_;
   bool told_ = false, told_few_ = false;  // what CheckOptions has to say
 };
 

@@ -1,0 +1,334 @@
+#include "warm_start.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "constants.h"
+#include "impedance.h"
+#include "patch_field.h"
+
+namespace mjframes {
+namespace {
+
+// Whether mjData's stack has room for so many numbers, and as many for MuJoCo's solver.
+bool HasRoom(const mjData* d, size_t numbers) {
+  return 2 * sizeof(mjtNum) * numbers + kStackReserve < static_cast<size_t>(d->narena) - d->pstack - d->parena;
+}
+
+// Whether the solver that comes is of the kind that this one is, and starts at d->qacc_warmstart.
+bool Starts(const mjModel* m, const mjData* d) {
+  if (m->opt.solver == mjSOL_PGS || (m->opt.disableflags & mjDSBL_WARMSTART)) return false;
+  if (d->efm_active) return false;
+  return std::none_of(d->efc_type, d->efc_type + d->nefc, [](int type) { return type == mjCNSTR_CONTACT_ELLIPTIC; });
+}
+
+bool TouchesSoft(const mjModel* m, const mjData* d, int row) {
+  if (!IsContact(d, row)) return false;
+  const int* geom = d->contact[d->efc_id[row]].geom;
+  return std::any_of(geom, geom + 2, [m](int g) { return g >= 0 && SoftInstanceOf(m, g) >= 0; });
+}
+
+// The smooth forces, as mj_fwdAcceleration will have them. Bias and actuators are current after this stage only.
+void SmoothForce(const mjModel* m, mjData* d, double* force) {
+  mju_zero(force, m->nv);
+  mj_rne(m, d, 0, force);
+  const bool actuated = m->nu > 0 && !(mjcb_act_dyn || mjcb_act_gain || mjcb_act_bias);
+  if (actuated) mj_fwdActuation(m, d);
+  for (int k = 0; k < m->nv; k++) {
+    force[k] = d->qfrc_passive[k] - force[k] + d->qfrc_applied[k] + (actuated ? d->qfrc_actuator[k] : 0);
+  }
+  for (int body = 1; body < m->nbody; body++) {
+    const mjtNum* applied = d->xfrc_applied + 6 * body;
+    if (std::any_of(applied, applied + 6, [](mjtNum f) { return f != 0; })) {
+      mj_applyFT(m, d, applied, applied + 3, d->xipos + 3 * body, body, force);
+    }
+  }
+}
+
+// What a row's force may be.
+struct Bounds {
+  double least, largest;
+};
+
+Bounds BoundsOf(const mjData* d, int row) {
+  constexpr double kAny = std::numeric_limits<double>::infinity();
+  switch (d->efc_type[row]) {
+    case mjCNSTR_EQUALITY:
+      return {-kAny, kAny};
+    case mjCNSTR_FRICTION_DOF:
+    case mjCNSTR_FRICTION_TENDON:
+      return {-d->efc_frictionloss[row], d->efc_frictionloss[row]};
+    default:
+      return {0, kAny};
+  }
+}
+
+// The rows of one island, in whole groups: entries that fill a group up have D = 0.
+struct Problem {
+  int size;
+  const double *A, *D, *jar0;  // (size × size), (size)
+  const Bounds* bounds;
+
+  double Force(int i, double jar) const { return std::clamp(-D[i] * jar, bounds[i].least, bounds[i].largest); }
+  bool IsFree(int i, double jar) const {
+    return D[i] > 0 && -D[i] * jar > bounds[i].least && -D[i] * jar < bounds[i].largest;
+  }
+};
+
+// g for the rows that are free now, of number `count`, the others at their bounds. False where that fails.
+bool SolveFree(const Problem& problem, const int* free, int count, double* matrix, double* right, double* g) {
+  const int n = problem.size;
+  for (int a = 0; a < count; a++) {
+    const double* row = problem.A + static_cast<size_t>(free[a]) * n;
+    for (int b = 0; b <= a; b++) matrix[a * count + b] = row[free[b]];
+    matrix[a * count + a] += 1 / problem.D[free[a]];
+    g[free[a]] = 0;
+  }
+  for (int a = 0; a < count; a++) {
+    right[a] = -problem.jar0[free[a]] - mju_dot(problem.A + static_cast<size_t>(free[a]) * n, g, n);
+  }
+  if (mju_cholFactor(matrix, count, mjMINVAL) != count) return false;
+  mju_cholSolve(right, matrix, right, count);
+  for (int a = 0; a < count; a++) g[free[a]] = right[a];
+  return true;
+}
+
+// The step along p, q = A p, at most 1, at which the cost is least: where its slope Σ_i q_i (g_i + α p_i − f_i) is
+// zero.
+double LineSearch(const Problem& problem, const double* g, const double* jar, const double* p, const double* q) {
+  const auto slope = [&](double step, double* curvature) {
+    double sum = 0, second = 0;
+    for (int i = 0; i < problem.size; i++) {
+      const double at = jar[i] + step * q[i];
+      sum += q[i] * (g[i] + step * p[i] - problem.Force(i, at));
+      second += q[i] * (p[i] + (problem.IsFree(i, at) ? problem.D[i] * q[i] : 0));
+    }
+    *curvature = second;
+    return sum;
+  };
+  double low = 0, high = 1, step = 1, curvature;
+  const double first = slope(0, &curvature);
+  for (int trial = 0; trial < kLineSearchSteps; trial++) {
+    const double here = slope(step, &curvature);
+    if (std::abs(here) <= kLineSearchSlope * std::abs(first) || (step == 1 && here < 0)) break;
+    (here < 0 ? low : high) = step;
+    const double next = step - here / curvature;
+    step = next > low && next < high ? next : 0.5 * (low + high);
+  }
+  return step;
+}
+
+// half += Y force
+void AddForces(const RowGroup& group, const Lanes& force, double* half) {
+  for (int k = 0; k < group.size; k++) {
+    const Lanes part = force * Load(group.y + kLanes * k);
+    half[group.dof[k]] += (part[0] + part[1]) + (part[2] + part[3]);
+  }
+}
+
+// Constraint rows that hang together, and their degrees of freedom.
+struct Island {
+  int rows, first_row, dofs, first_dof;
+  const int* dof;  // null for all
+  double scale;    // of MuJoCo's criteria: one over the sum of the inertias
+
+  int Dof(int k) const { return dof ? dof[first_dof + k] : k; }
+  bool HasRow(const mjData* d, int row) const {
+    return !dof || (d->map_efc2iefc[row] >= first_row && d->map_efc2iefc[row] < first_row + rows);
+  }
+};
+
+Island IslandOf(const mjModel* m, const mjData* d, int number) {
+  Island island = {d->nefc, 0, static_cast<int>(m->nv), 0, nullptr, 0};
+  if (d->nisland > 0) {
+    island = {d->island_nefc[number],    d->island_iefcadr[number], d->island_nv[number],
+              d->island_idofadr[number], d->map_idof2dof,           0};
+  }
+  double inertia = 0;
+  for (int k = 0; k < island.dofs; k++) {
+    const int dof = island.Dof(k);
+    inertia += d->M[m->M_rowadr[dof] + m->M_rownnz[dof] - 1];
+  }
+  island.scale = 1 / inertia;
+  return island;
+}
+
+// Whether an island's accelerations in d->qacc_warmstart are a solution still, by the criteria of MuJoCo's solver.
+// half: D^(−½) L^(−ᵀ) of the smooth forces; left, work: memory (nv).
+bool IsSolved(const mjModel* m, const mjData* d, const Island& island, const RowGroup* groups, const int* members,
+              int count, const double* half, const double* sqrt_inverse, double* left, double* work) {
+  // D^½ L a, less the forces
+  double gap = 0, gradient = 0;
+  for (int k = 0; k < island.dofs; k++) {
+    const int dof = island.Dof(k), first = m->M_rowadr[dof];
+    double sum = d->qacc_warmstart[dof];
+    for (int e = first; e < first + m->M_rownnz[dof] - 1; e++) sum += d->qLD[e] * d->qacc_warmstart[m->M_colind[e]];
+    left[dof] = sum / sqrt_inverse[dof] - half[dof];
+    work[dof] = 0;
+  }
+  for (int i = 0; i < count; i++) {
+    const RowGroup& group = groups[members[i]];
+    Lanes force = {};
+    for (int r = 0; r < group.rows; r++) {
+      const Bounds bounds = BoundsOf(d, group.row + r);
+      force[r] = -std::clamp(-d->efc_D[group.row + r] * d->efc_b[group.row + r], bounds.least, bounds.largest);
+    }
+    AddForces(group, force, left);
+  }
+  for (int k = 0; k < island.dofs; k++) gap += left[island.Dof(k)] * left[island.Dof(k)];
+  if (!(0.5 * island.scale * gap < m->opt.tolerance)) return false;
+  if (m->opt.solver == mjSOL_CG) return true;
+  // the forces themselves: Lᵀ D^½ of that
+  for (int k = 0; k < island.dofs; k++) {
+    const int dof = island.Dof(k), first = m->M_rowadr[dof];
+    const double some = left[dof] / sqrt_inverse[dof];
+    for (int e = first; e < first + m->M_rownnz[dof] - 1; e++) work[m->M_colind[e]] += d->qLD[e] * some;
+    work[dof] += some;
+  }
+  for (int k = 0; k < island.dofs; k++) gradient += work[island.Dof(k)] * work[island.Dof(k)];
+  return island.scale * std::sqrt(gradient) < m->opt.tolerance;
+}
+
+// Adds the forces of an island's rows, those of `members` of the groups, to `half`. False where they were not found.
+bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGroup* groups, const int* members,
+                 int count, double* half) {
+  const int n = kLanes * count;
+  const size_t square = static_cast<size_t>(n) * n;
+  if (n > kMostRows || !HasRoom(d, 2 * square + 16 * static_cast<size_t>(n))) return false;
+  mj_markStack(d);
+  double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, square);
+  double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
+  double *g = mj_stackAllocNum(d, n), *next = mj_stackAllocNum(d, n), *change = mj_stackAllocNum(d, n);
+  double *p = mj_stackAllocNum(d, n), *q = mj_stackAllocNum(d, n), *right = mj_stackAllocNum(d, n);
+  auto* bounds = static_cast<Bounds*>(mj_stackAllocByte(d, n * sizeof(Bounds), alignof(Bounds)));
+  int *free = mj_stackAllocInt(d, n), *before = mj_stackAllocInt(d, n);
+  for (int one = 0; one < count; one++) {
+    const RowGroup& group = groups[members[one]];
+    Lanes block[kLanes], back[kLanes], start = {};
+    for (int other = 0; other <= one; other++) {
+      MultiplyGroups(m, group, groups[members[other]], block);
+      Transpose4(block[0], block[1], block[2], block[3], back);
+      for (int r = 0; r < kLanes; r++) {
+        Store(block[r], A + static_cast<size_t>(kLanes * one + r) * n + kLanes * other);
+        Store(back[r], A + static_cast<size_t>(kLanes * other + r) * n + kLanes * one);
+      }
+    }
+    for (int k = 0; k < group.size; k++) start += half[group.dof[k]] * Load(group.y + kLanes * k);
+    for (int r = 0; r < kLanes; r++) {
+      const int i = kLanes * one + r, row = group.row + r;
+      const bool there = r < group.rows;
+      D[i] = there ? d->efc_D[row] : 0;
+      jar0[i] = there ? start[r] - d->efc_aref[row] : 0;
+      bounds[i] = there ? BoundsOf(d, row) : Bounds{0, 0};
+      jar[i] = there ? d->efc_b[row] : 0;
+      g[i] = 0;
+    }
+  }
+  const Problem problem = {n, A, D, jar0, bounds};
+  bool solved = false;
+  for (int iteration = 0, size = 0, last = -1; iteration < kMostIterations; iteration++) {
+    size = 0;
+    for (int i = 0; i < n; i++) {
+      next[i] = problem.Force(i, jar[i]);
+      p[i] = g[i] - next[i];
+      if (problem.IsFree(i, jar[i])) free[size++] = i;
+    }
+    solved = size == last && std::equal(free, free + size, before);
+    if (!solved && iteration > 0 && m->opt.solver == mjSOL_CG) {
+      mju_mulMatVec(q, A, p, n, n);
+      solved = 0.5 * island.scale * mju_dot(p, q, n) < m->opt.tolerance;
+    }
+    if (solved || !SolveFree(problem, free, size, matrix, right, next)) break;
+    mju_mulMatVec(change, A, next, n, n);
+    mju_addTo(change, jar0, n);
+    double step = 1;
+    if (iteration > 0) {
+      mju_sub(p, next, g, n);
+      mju_sub(q, change, jar, n);
+      step = LineSearch(problem, g, jar, p, q);
+    }
+    last = -1;
+    if (step == 1) {  // to the bit what these free rows give, wherever it started
+      std::swap(g, next);
+      std::swap(jar, change);
+      last = size;
+      std::copy_n(free, size, before);
+    } else {
+      mju_addToScl(g, p, step, n);
+      mju_addToScl(jar, q, step, n);
+    }
+  }
+  for (int one = 0; one < count; one++) AddForces(groups[members[one]], Load(g + kLanes * one), half);
+  mj_freeStack(d);
+  return solved;
+}
+
+// a = L⁻¹ D^(−½) half of an island's degrees of freedom into d->qacc_warmstart, unless it is not finite.
+void WriteStart(const mjModel* m, mjData* d, const Island& island, const double* half, const double* sqrt_inverse) {
+  for (int k = 0; k < island.dofs; k++) {
+    if (!std::isfinite(half[island.Dof(k)])) return;
+  }
+  for (int k = 0; k < island.dofs; k++) {
+    const int dof = island.Dof(k), first = m->M_rowadr[dof];
+    double sum = sqrt_inverse[dof] * half[dof];
+    for (int e = first; e < first + m->M_rownnz[dof] - 1; e++) sum -= d->qLD[e] * d->qacc_warmstart[m->M_colind[e]];
+    d->qacc_warmstart[dof] = sum;
+  }
+}
+
+// From the groups of all rows.
+void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count, const double* sqrt_inverse) {
+  const int nv = m->nv;
+  double *smooth = mj_stackAllocNum(d, nv), *half = mj_stackAllocNum(d, nv);
+  double *left = mj_stackAllocNum(d, nv), *work = mj_stackAllocNum(d, nv);
+  int* members = mj_stackAllocInt(d, count);
+  SmoothForce(m, d, smooth);
+  mj_referenceConstraint(m, d);
+  mj_mulJacVec(m, d, d->efc_b, d->qacc_warmstart);
+  mju_subFrom(d->efc_b, d->efc_aref, d->nefc);
+  mj_solveM2(m, d, half, smooth, sqrt_inverse, 1);
+  for (int number = 0; number < std::max(1, d->nisland); number++) {
+    const Island island = IslandOf(m, d, number);
+    int size = 0;
+    for (int i = 0; i < count; i++) {
+      if (island.HasRow(d, groups[i].row)) members[size++] = i;
+    }
+    if (IsSolved(m, d, island, groups, members, size, half, sqrt_inverse, left, work)) continue;
+    if (SolveIsland(m, d, island, groups, members, size, half)) WriteStart(m, d, island, half, sqrt_inverse);
+  }
+}
+
+}  // namespace
+
+ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
+    : inertia_(m, std::move(marked)), dof_(m->nv), y_(kLanes * m->nv) {}
+
+void ConstraintRows::Finish(const mjModel* m, mjData* d) {
+  if (d->nefc == 0) return;
+  inertia_.Start(m, d);
+  mj_markStack(d);
+  bool starts = Starts(m, d) && HasRoom(d, d->nefc * sizeof(RowGroup) / sizeof(mjtNum));
+  RowGroup* groups = nullptr;
+  if (starts) groups = static_cast<RowGroup*>(mj_stackAllocByte(d, d->nefc * sizeof(RowGroup), alignof(RowGroup)));
+  int count = 0;
+  for (int first = 0, together = 0; first < d->nefc; first += together) {
+    together = RowsTogether(m, d, first);
+    for (int row = first; row < first + together; row += kLanes) {
+      RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
+      const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
+      starts = starts && HasRoom(d, (kLanes + 1) * group.size);
+      if (!starts && !sets) continue;
+      group.dof = starts ? mj_stackAllocInt(d, group.size) : dof_.data();
+      group.y = starts ? mj_stackAllocNum(d, kLanes * group.size) : y_.data();
+      inertia_.Solve(m, d, &group);
+      if (sets) SetResistances(m, d, group);
+      if (starts) groups[count++] = group;
+    }
+  }
+  if (starts && HasRoom(d, 4 * m->nv + count)) WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
+  mj_freeStack(d);
+}
+
+}  // namespace mjframes

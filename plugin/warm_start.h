@@ -1,0 +1,42 @@
+// Constraint rows of the effective inertia: their R, and where MuJoCo's solver starts, which is at the solution.
+//
+// MuJoCo's solver minimizes ½ (a − a₀)ᵀ M (a − a₀) + Σ_i s_i(J_i a − aref_i) over the accelerations a of all degrees of
+// freedom. With a = a₀ + M⁻¹ Jᵀ g it is a problem in the forces g of the rows, which soft bodies have far fewer of:
+//
+//   jar = jar₀ + A g,   A = J M⁻¹ Jᵀ,   g_i = −s_i'(jar_i) = clamp(−D_i jar_i, least_i, largest_i)
+//
+// Given which rows are not clamped it is linear. Newton's method finds these, and a goes to d->qacc_warmstart. MuJoCo
+// then finds that nothing is left to do; where something is, as what a callback adds later, it does that. Islands where
+// the solution of the step before still is one are left as they are. Elliptic cones are not of this kind, and are left
+// to MuJoCo.
+// Index letters: i, j constraint row; k degree of freedom.
+
+#ifndef MJFRAMES_PLUGIN_WARM_START_H_
+#define MJFRAMES_PLUGIN_WARM_START_H_
+
+#include <mujoco/mujoco.h>
+
+#include <vector>
+
+#include "row_inertia.h"
+
+namespace mjframes {
+
+class ConstraintRows {
+ public:
+  // marked: whether each degree of freedom is a soft body's that changes d->M (nv).
+  ConstraintRows(const mjModel* m, std::vector<char> marked);
+
+  // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and writes
+  // d->qacc_warmstart.
+  void Finish(const mjModel* m, mjData* d);
+
+ private:
+  RowInertia inertia_;
+  std::vector<int> dof_;   // of a group that is not kept          (nv)
+  std::vector<double> y_;  //                                      (nv × kLanes)
+};
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_WARM_START_H_
