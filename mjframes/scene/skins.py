@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -14,7 +15,8 @@ from mjframes.scene import links
 from mjframes.scene.carriers import Carrier
 from mjframes.scene.plugin_text import SEPARATOR
 
-SKIN_WEIGHT = 1e-4  # [-] smaller skin weights are left out: below single precision of a pixel
+WEIGHT_DIGITS = 4  # decimals of skin weights, which MJCF writes as text: where frames turn, 1e-4 of their distance
+VERTEX_ROUNDING = 1e-4  # [-] of the body's size, at most: of the vertices' places, a tenth of a pixel
 
 
 def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], name: str) -> None:
@@ -27,13 +29,13 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
     for c, carrier in enumerate(carried):
         bone_of[carrier.points] = c
     gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
+    rounded = _rounded(sparse.csr_array(skin.weights @ gather))
+    places = np.round(skin.vertices, math.ceil(-math.log10(VERTEX_ROUNDING * np.ptp(skin.vertices, axis=0).max())))
     names = Counter(["", "", *(body.materials[int(label)].name for label in np.unique(skin.label))])  # "" is no name
     for label in np.unique(skin.label):
         faces = skin.faces[skin.label == label]
         used, local = np.unique(faces, return_inverse=True)
-        weights = sparse.csc_array(skin.weights[used] @ gather)
-        weights.data[np.abs(weights.data) < SKIN_WEIGHT] = 0
-        weights.eliminate_zeros()
+        weights = sparse.csc_array(rounded[used])
         bones = np.flatnonzero(np.diff(weights.indptr)).tolist()
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
@@ -41,7 +43,7 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
             name=name
             + SEPARATOR
             + "_".join(filter(None, [material.name, "" if names[material.name] == 1 else str(label)])),
-            vert=skin.vertices[used].ravel(),
+            vert=places[used].ravel(),
             face=local.ravel(),
             rgba=material.rgba,
             bodyname=[f"{name}{SEPARATOR}{carried[c].points[0]}" for c in bones],
@@ -50,3 +52,13 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
             vertid=[weights.indices[column].tolist() for column in columns],
             vertweight=[weights.data[column].tolist() for column in columns],
         )
+
+
+def _rounded(weights: sparse.csr_array) -> sparse.csr_array:
+    """The weights in `WEIGHT_DIGITS` decimals; the first of each row is what the others leave of 1."""
+    units = np.round(weights.data * 10**WEIGHT_DIGITS)
+    first = weights.indptr[:-1]
+    units[first] += 10**WEIGHT_DIGITS - np.add.reduceat(units, first)
+    rounded = sparse.csr_array((units / 10**WEIGHT_DIGITS, weights.indices, weights.indptr), weights.shape)
+    rounded.eliminate_zeros()
+    return rounded
