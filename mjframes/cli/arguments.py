@@ -182,7 +182,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.set_defaults(command=functions["view"])
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
 
-    command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
+    command = commands.add_parser("bench", help="measure precomputation and steps, beside bodies alone and flex")
     command.set_defaults(command=functions["bench"])
     command.add_argument("file", nargs="?", metavar="FILE", help="only the precomputation of this mesh or volume")
     sizes = command.add_mutually_exclusive_group()
@@ -190,6 +190,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
     command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
     command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
+    command.add_argument(
+        "--large", action="store_true", help="only the precomputation of volumes as large as the paper's"
+    )
+    command.add_argument("--quick", action="store_true", help="3, 10 and 20 frames only, and less often")
+    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
+    command.add_argument("--picture", metavar="FILE", help="figure to write of times over frames (.png)")
 
     command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
     command.set_defaults(command=functions["report"])

@@ -94,6 +94,7 @@ def build(arguments: argparse.Namespace) -> int:
     from mjframes.base.files import replacing
     from mjframes.body.soft_body import is_soft_body
     from mjframes.scene.scene_file import fragment, scene_with, standalone_scene, write_scene
+    from mjframes.scene.solver import advice
 
     start = time.perf_counter()
     console = Console(stderr=True)
@@ -131,6 +132,8 @@ def build(arguments: argparse.Namespace) -> int:
     )
     if body.error:
         print(f"error: {body.error}")
+    if arguments.into and (faster := advice(model)):
+        print(f"solver: {faster} is made for {model.nv} degrees of freedom")
     return 0
 
 
@@ -325,8 +328,10 @@ def bench(arguments: argparse.Namespace) -> int:
         benchmark.main_of_growth(arguments.growth)
     elif arguments.file:
         benchmark.main_of_file(arguments.file, arguments.count, arguments.frames)
+    elif arguments.large:
+        benchmark.main_of_large()
     else:
-        benchmark.main()
+        benchmark.main(arguments.quick, arguments.mujoco4, arguments.picture)
     return 0
 
 
