@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mjframes.scene.load import load_scene
     from mjframes.scene.scaling import scale
     from mjframes.scene.sensors import add_sensor
+    from mjframes.scene.solver import choose_solver
     from mjframes.scene.view import Soft, soft
     from mjframes.volume.images import ImageWarning
     from mjframes.volume.material import Material
@@ -69,6 +70,7 @@ __all__ = [
     "add_sensor",
     "attach",
     "build",
+    "choose_solver",
     "film",
     "load_scene",
     "mass_matrix",
@@ -94,6 +96,7 @@ _HOMES = {
     "scene.load": ("load_scene",),
     "scene.scaling": ("scale",),
     "scene.sensors": ("add_sensor",),
+    "scene.solver": ("choose_solver",),
     "scene.view": ("Soft", "soft"),
     "volume.images": ("ImageWarning",),
     "volume.material": ("Material",),
