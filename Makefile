@@ -2,7 +2,7 @@
 #   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
 #   make test          all tests, on the MuJoCo that dm_control supports
 #   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
-#   make bench         steps per second and precomputation times
+#   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in six minutes
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
 #   make wheels        a wheel for x86-64 and one for aarch64, with a library for every MuJoCo, and a source distribution: dist/
@@ -35,8 +35,8 @@ test: $(VENV)/installed
 test-mujoco4: $(VENV4)/installed
 	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q $(PYTEST_PARALLEL) -m "not dm_control"
 
-bench: $(VENV)/installed
-	$(VENV)/bin/mjframes bench
+bench: $(VENV)/installed $(VENV4)/installed
+	$(VENV)/bin/mjframes bench --mujoco4 $(VENV4)/bin/python
 
 bench-worlds: $(VENV)/installed $(VENV4)/installed
 	$(VENV)/bin/mjframes bench --worlds --mujoco4 $(VENV4)/bin/python

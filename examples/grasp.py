@@ -197,6 +197,7 @@ def _grasp(
     normal: int,
     held: str = "",
 ) -> Grasp:
+    mf.choose_solver(spec)
     model = spec.compile()
     return Grasp(model, mujoco.MjData(model), built, touching, normal, held)
 

@@ -52,6 +52,7 @@ def forces(frames: int) -> Array:
     spec = mujoco.MjSpec.from_string(SCENE)
     contact = mf.Contact(condim=1, solref=(0.01, 1), solimp=(0.99, 0.99), priority=1)
     mf.attach(spec, body, "ball", contact=contact)
+    mf.choose_solver(spec)
     model = spec.compile()
     data = mujoco.MjData(model)
     start, before, found = data.mocap_pos.copy(), 0.0, []

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from mjframes.scene.placing import place
     from mjframes.scene.scaling import scale
     from mjframes.scene.sensors import add_sensor
+    from mjframes.scene.solver import choose_solver
     from mjframes.scene.view import Soft, soft
     from mjframes.volume.images import ImageWarning
     from mjframes.volume.material import Material
@@ -73,6 +74,7 @@ __all__ = [
     "attach",
     "build",
     "collect",
+    "choose_solver",
     "film",
     "load_scene",
     "mass_matrix",
@@ -101,6 +103,7 @@ _HOMES = {
     "scene.placing": ("place",),
     "scene.scaling": ("scale",),
     "scene.sensors": ("add_sensor",),
+    "scene.solver": ("choose_solver",),
     "scene.view": ("Soft", "soft"),
     "volume.images": ("ImageWarning",),
     "volume.material": ("Material",),

@@ -1,5 +1,6 @@
 #include "attributes.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <charconv>
@@ -46,13 +47,34 @@ bool DecodeBase64(std::string_view text, std::byte* out, size_t size) {
   return written == size;
 }
 
+// Decodes `count` elements that are stored as S.
+template <typename S, typename T>
+bool DecodeElements(std::string_view data, size_t count, std::vector<T>* out) {
+  // a count that the text has no room for is refused before anything is allocated for it
+  if (count > data.size()) return false;
+  std::vector<S> stored(count);
+  if (!DecodeBase64(data, reinterpret_cast<std::byte*>(stored.data()), count * sizeof(S))) return false;
+  out->assign(stored.begin(), stored.end());
+  return true;
+}
+
+// A type that elements may be stored as.
 template <typename T>
-bool Decode(std::string_view type, const char* value, std::vector<T>* out, std::string* error) {
+struct Stored {
+  std::string_view name;
+  bool (*decode)(std::string_view data, size_t count, std::vector<T>* out);
+};
+
+template <typename T, size_t n>
+bool Decode(const Stored<T> (&types)[n], const char* value, std::vector<T>* out, std::string* error) {
   const std::string_view text = value ? value : "";
   const size_t first = text.find(':');
   const size_t second = first == text.npos ? text.npos : text.find(':', first + 1);
-  if (second == text.npos || text.substr(0, first) != type) {
-    *error = "is not an array of type " + std::string(type);
+  const auto type =
+      std::find_if(types, types + n, [&](const Stored<T>& some) { return some.name == text.substr(0, first); });
+  if (second == text.npos || type == types + n) {
+    *error = "is not an array of type";
+    for (size_t i = 0; i < n; i++) *error += (i == 0 ? " " : " or ") + std::string(types[i].name);
     return false;
   }
   size_t count = 0;
@@ -63,25 +85,26 @@ bool Decode(std::string_view type, const char* value, std::vector<T>* out, std::
     *error = "has no valid element count";
     return false;
   }
-  // a count that the text has no room for is refused before anything is allocated for it
-  const std::string_view data = text.substr(second + 1);
-  const bool fits = count <= data.size();
-  if (fits) out->resize(count);
-  if (!fits || !DecodeBase64(data, reinterpret_cast<std::byte*>(out->data()), count * sizeof(T))) {
+  if (!type->decode(text.substr(second + 1), count, out)) {
     *error = "is truncated or damaged";
     return false;
   }
   return true;
 }
 
+constexpr Stored<double> kReals[] = {{"f64", DecodeElements<double, double>}, {"f32", DecodeElements<float, double>}};
+constexpr Stored<int32_t> kIntegers[] = {{"i32", DecodeElements<int32_t, int32_t>},
+                                         {"i16", DecodeElements<int16_t, int32_t>},
+                                         {"i8", DecodeElements<int8_t, int32_t>}};
+
 }  // namespace
 
 bool DecodeArray(const char* value, std::vector<double>* out, std::string* error) {
-  return Decode("f64", value, out, error);
+  return Decode(kReals, value, out, error);
 }
 
 bool DecodeArray(const char* value, std::vector<int32_t>* out, std::string* error) {
-  return Decode("i32", value, out, error);
+  return Decode(kIntegers, value, out, error);
 }
 
 }  // namespace mjframes

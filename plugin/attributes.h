@@ -1,7 +1,7 @@
 // Values of a plugin instance's attributes: numbers, words, and bulk arrays as text inside the compiled model.
 //
-// An array is "<type>:<count>:<base64>", type f64 or i32, little endian, count in elements. Nothing else survives MJCF,
-// mjSpec attachment and mjb files unchanged (decimal text loses digits).
+// An array is "<type>:<count>:<base64>", type f64, f32, i32, i16 or i8, little endian, count in elements. Nothing else
+// survives MJCF, mjSpec attachment and mjb files unchanged (decimal text loses digits).
 
 #ifndef MJFRAMES_PLUGIN_ATTRIBUTES_H_
 #define MJFRAMES_PLUGIN_ATTRIBUTES_H_

@@ -1,11 +1,14 @@
 #include "parse.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <numeric>
 #include <optional>
 #include <string>
 
+#include "constants.h"
 #include "interned.h"
 #include "patch_field.h"
 
@@ -138,6 +141,15 @@ void ReadCells(Law law, int factors, std::vector<Region>* regions, Reader* reade
                               {slope.begin() + s, slope.begin() + s + length}});
     }
   }
+}
+
+// Makes the sum of a node's weights exactly 1: they are stored in single precision, and far from the world's origin
+// that would show.
+bool Normalize(double* weight, size_t count, Reader* reader) {
+  const double sum = std::accumulate(weight, weight + count, 0.0);
+  if (!reader->Check(std::abs(sum - 1) < kWeightSumRounding, "its lattice's weights do not sum to 1")) return false;
+  for (size_t i = 0; i < count; i++) weight[i] /= sum;
+  return true;
 }
 
 // Of one frame each, or of the law `corotational`.
@@ -320,13 +332,26 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   field.node = reader->Array<int32_t>("lattice_node");
   field.distance = reader->Array<double>("lattice_distance");
   field.patch = reader->Array<int32_t>("lattice_patch");
-  field.count = reader->Array<int32_t>("lattice_count");
-  field.point = reader->Array<int32_t>("lattice_point");
   field.weight = reader->Array<double>("lattice_weight");
   field.vertex = reader->Array<double>("lattice_sphere");
+  const auto size = reader->Array<int32_t>("set_size");
+  const auto point = reader->Array<int32_t>("set_point");
+  const auto set = reader->Array<int32_t>("lattice_set");
   int vertices = 0;
   for (const Patch& patch : patches) vertices += patch.vertices;
   if (!reader->ok()) return {};
+  constexpr char kMismatch[] = "its lattice arrays do not match each other";
+  std::vector<size_t> start(1, 0);
+  for (const int32_t points_of_set : size) start.push_back(start.back() + std::max(points_of_set, 0));
+  if (!reader->Check(start.back() == point.size(), kMismatch)) return {};
+  for (const int32_t some : set) {
+    if (!reader->Check(some >= 0 && some < static_cast<int32_t>(size.size()), kMismatch)) return {};
+    const size_t first = start[some], end = start[some + 1];
+    if (!reader->Check(field.point.size() + end - first <= field.weight.size(), kMismatch)) return {};
+    if (!Normalize(field.weight.data() + field.point.size(), end - first, reader)) return {};
+    field.count.push_back(static_cast<int32_t>(end - first));
+    field.point.insert(field.point.end(), point.begin() + first, point.begin() + end);
+  }
   const std::string wrong = field.Finish(points, static_cast<int>(patches.size()), vertices);
   if (!wrong.empty()) reader->Fail(wrong);
   return field;

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
-from mjframes.scene import plugin
+from mjframes.scene import plugin, solver
 
 STEPS = 10
 BACKENDS = ("egl", "osmesa", "glfw")  # of MUJOCO_GL; the first two need no display
@@ -61,6 +61,7 @@ def report() -> list[Finding]:
         _compiler(),
         _finding("plugin", _library),
         _finding("soft body", _step),
+        Finding("solver", solver.rule()),
         _drawing(),
         *(_optional(module, use, extra) for module, (use, extra) in OPTIONAL.items()),
     ]

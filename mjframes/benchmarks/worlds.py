@@ -27,7 +27,7 @@ from rich.table import Table
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
-from mjframes.benchmarks.bench import SOFT, SPHERES, VOLUME, Size, machine, prepare_runs, screen, show, table_of
+from mjframes.benchmarks.bench import VOLUME, machine, screen, show
 from mjframes.benchmarks.report.cases import STEAK, Case
 from mjframes.benchmarks.report.cases import steak as pulled_steak
 from mjframes.benchmarks.report.contenders import Setting, solved
@@ -35,6 +35,8 @@ from mjframes.benchmarks.report.equilibrium import TIMED_STEP
 from mjframes.benchmarks.report.flex import FlexProcess, flex_settings
 from mjframes.benchmarks.report.reference import refined
 from mjframes.benchmarks.report.side_by_side import batch_rate, integration_state, single_rate
+from mjframes.benchmarks.step_scenes import BARE, OURS, bare_run, soft_run
+from mjframes.benchmarks.step_tables import table_of
 from mjframes.body.build import build
 from mjframes.scene import plugin
 from mjframes.volume.volume import Volume
@@ -57,7 +59,7 @@ RATE_NOTE = """\
 that processors spend on it, which a busy machine does not change."""
 MEMORY_NOTE = f"""\
 Growth of the resident size by {HELD} of them after some steps with contacts, in a process of their own.
-"{SPHERES}": the same bodies without the plugin, with as many contacts: MuJoCo's own."""
+"{BARE}": the same bodies without the plugin, with as many contacts: MuJoCo's own."""
 FLEX_NOTE = "Each in the coarsest way that is as exact as the frames; steps of 2 ms, no contact, from rest."
 
 
@@ -94,13 +96,14 @@ def main(mujoco4: str | None) -> None:
     console = screen()
     for name, text in machine().items():
         console.print(f"{name:9}  {text}", highlight=False)
-    volume = Volume.load(VOLUME)
-    runs = {run.name: run for run in prepare_runs(build(volume, FRAMES), volume, Size(FRAMES), CONTACTS)}
-    models = {name: runs[name].model for name in (SOFT, SPHERES)}
-    start = lying(models[SOFT])
-    rates = list(measure_rates(models[SOFT], start, WORLDS, THREADS, LEAST))
+    body = build(Volume.load(VOLUME), FRAMES)
+    soft = soft_run(STEAK, body, "contact")
+    bare = bare_run(STEAK, body, "contact", soft.contacts(CONTACTS)[0])
+    models = {OURS: soft.model, BARE: bare.model}
+    start = lying(models[OURS])
+    rates = list(measure_rates(models[OURS], start, WORLDS, THREADS, LEAST))
     show(console, rate_table(rates), RATE_NOTE)
-    different = [differences(models[SOFT], start, COMPARED, threads, COMPARED_STEPS) for threads in THREADS]
+    different = [differences(models[OURS], start, COMPARED, threads, COMPARED_STEPS) for threads in THREADS]
     for threads, count in zip(THREADS, different, strict=True):
         console.print(f"{count} of {COMPARED:,} worlds differ from single runs of their stiffness, {threads} threads")
     memories = measure_memory(models)
@@ -278,7 +281,7 @@ def memory_table(memories: dict[tuple[str, str], float]) -> Table:
     """Return the bytes of each, and what is beyond MuJoCo's own."""
     table = table_of("Memory, kB", "soft body", "MuJoCo's own", "beyond it")
     for way in dict.fromkeys(way for _, way in memories):
-        own, bare = memories[SOFT, way] / 1e3, memories[SPHERES, way] / 1e3
+        own, bare = memories[OURS, way] / 1e3, memories[BARE, way] / 1e3
         table.add_row(way, f"{own:.1f}", f"{bare:.1f}", f"{own - bare:.1f}")
     return table
 

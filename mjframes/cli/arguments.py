@@ -225,7 +225,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--host", metavar="NAME", help="of the page: 0.0.0.0 for other machines (default 127.0.0.1)")
     command.add_argument("--port", type=_port, metavar="N", help="of the page, 0 for any that is free (default 8080)")
 
-    command = commands.add_parser("bench", help="measure precomputation and steps, beside the paper's Table 2")
+    command = commands.add_parser("bench", help="measure precomputation and steps, beside bodies alone and flex")
     command.set_defaults(command=functions["bench"])
     command.add_argument("file", nargs="?", metavar="FILE", help="only the precomputation of this mesh or volume")
     sizes = command.add_mutually_exclusive_group()
@@ -234,7 +234,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
     command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
     command.add_argument("--worlds", action="store_true", help="only what many worlds side by side cost")
-    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for --worlds beside flex")
+    command.add_argument(
+        "--large", action="store_true", help="only the precomputation of volumes as large as the paper's"
+    )
+    command.add_argument("--quick", action="store_true", help="3, 10 and 20 frames only, and less often")
+    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
+    command.add_argument("--picture", metavar="FILE", help="figure to write of times over frames (.png)")
 
     command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
     command.set_defaults(command=functions["report"])

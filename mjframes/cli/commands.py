@@ -95,6 +95,7 @@ def build(arguments: argparse.Namespace) -> int:
     from mjframes.base.files import replacing
     from mjframes.body.soft_body import is_soft_body
     from mjframes.scene.scene_file import fragment, scene_with, standalone_scene, write_scene
+    from mjframes.scene.solver import advice
 
     start = time.perf_counter()
     console = Console(stderr=True)
@@ -132,6 +133,8 @@ def build(arguments: argparse.Namespace) -> int:
     )
     if body.error:
         print(f"error: {body.error}")
+    if arguments.into and (faster := advice(model)):
+        print(f"solver: {faster} is made for {model.nv} degrees of freedom")
     return 0
 
 
@@ -358,8 +361,6 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 def bench(arguments: argparse.Namespace) -> int:
     """Measure precomputation and steps."""
-    if arguments.mujoco4 and not arguments.worlds:
-        raise MjframesError("--mujoco4 is of --worlds, whose flex it steps; give that as well, or leave it out.")
     if arguments.worlds:
         from mjframes.benchmarks.worlds import main as measure_worlds
 
@@ -371,8 +372,10 @@ def bench(arguments: argparse.Namespace) -> int:
         benchmark.main_of_growth(arguments.growth)
     elif arguments.file:
         benchmark.main_of_file(arguments.file, arguments.count, arguments.frames)
+    elif arguments.large:
+        benchmark.main_of_large()
     else:
-        benchmark.main()
+        benchmark.main(arguments.quick, arguments.mujoco4, arguments.picture)
     return 0
 
 

@@ -35,9 +35,11 @@ def asset_key(body: SoftBody) -> str:
     return digest.hexdigest()[:16]
 
 
-def remember(body: SoftBody) -> None:
-    """Let `recall` find the body, as long as someone else holds it."""
-    _known[asset_key(body)] = body
+def remember(body: SoftBody) -> str:
+    """Let `recall` find the body, as long as someone else holds it, and return its key."""
+    key = asset_key(body)
+    _known[key] = body
+    return key
 
 
 def recall(key: str) -> SoftBody | None:

@@ -10,26 +10,20 @@ import numpy as np
 
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import plugin
-from mjframes.scene.carriers import Carrier, printable
+from mjframes.scene.carriers import printable
 from mjframes.scene.contact import Contact
-from mjframes.scene.plugin_text import SEPARATOR, patch_points, soft_name
+from mjframes.scene.patches import Patch
+from mjframes.scene.plugin_text import SEPARATOR, soft_name
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
 BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its body's size before the broad phase loses it
 
 
-def ordered_patches(body: SoftBody, carried: Sequence[Carrier], rank: np.ndarray) -> list[np.ndarray]:
-    """Return the contact spheres of each patch; patches in the order of their bodies."""
-    patches = np.split(np.arange(len(body.contact.patch)), np.flatnonzero(np.diff(body.contact.patch)) + 1)
-    return sorted(patches, key=lambda spheres: rank[_carrier_of_patch(body, carried, spheres)])
-
-
 def add_patches(
     own: mujoco.MjSpec,
     body: SoftBody,
-    carried: Sequence[Carrier],
-    bodies: list[mujoco.MjsBody],
-    patches: list[np.ndarray],
+    bodies: Sequence[mujoco.MjsBody],
+    patches: Sequence[Patch],
     contact: Contact,
     name: str,
 ) -> None:
@@ -40,8 +34,8 @@ def add_patches(
     own.add_mesh(name=f"{name[1:]}{SEPARATOR}bounds", uservert=corners.ravel(), octree_maxdepth=1)
     own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()
-    for number, spheres in enumerate(patches):
-        on = bodies[_carrier_of_patch(body, carried, spheres)]
+    for number, patch in enumerate(patches):
+        on = bodies[patch.carrier]
         instance = on.plugin.name
         stem = soft_name(instance) + SEPARATOR
         geom = on.add_geom(
@@ -68,9 +62,3 @@ def use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str, plugin_name:
     element.plugin.active = True
     element.plugin.plugin_name = plugin_name
     element.plugin.name = name
-
-
-def _carrier_of_patch(body: SoftBody, carried: Sequence[Carrier], spheres: np.ndarray) -> int:
-    """That of the deepest control point: below it there is nothing that moves the patch."""
-    deepest = patch_points(body, spheres)[-1]
-    return next(c for c, carrier in enumerate(carried) if deepest in carrier.points)

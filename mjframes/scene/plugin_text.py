@@ -16,7 +16,7 @@ from mjframes.elasticity.quadrature import Quadrature
 from mjframes.elasticity.rotations import frame_gradients
 from mjframes.elasticity.stiffness import shows_rotations
 from mjframes.scene.carriers import Carrier
-from mjframes.scene.identity import asset_key
+from mjframes.scene.patches import Patch
 from mjframes.whole_body.cells import Cells
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
@@ -67,24 +67,28 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "lattice_node",
     "lattice_distance",
     "lattice_patch",
-    "lattice_count",
-    "lattice_point",
+    "lattice_set",
+    "set_size",
+    "set_point",
     "lattice_weight",
     "lattice_sphere",
     "asset",
 )
+TYPES = {"i8": "<i1", "i16": "<i2", "i32": "<i4", "f32": "<f4", "f64": "<f8"}  # of arrays
 SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
 
 
 def configuration(
-    body: SoftBody, carried: Sequence[Carrier], branch: np.ndarray, patches: Sequence[np.ndarray]
+    body: SoftBody, key: str, carried: Sequence[Carrier], branch: np.ndarray, patches: Sequence[Patch]
 ) -> dict[str, str]:
     """Return what the plugin reads, by key.
 
+    key: which built body it is.
+
     carried: in the order of the model's bodies.  branch: (k,) of the kinematic tree, 0 where it is the soft body's.
 
-    patches: the contact spheres of each, in the order of the model's geoms; none for no contact.
+    patches: in the order of the model's geoms; none for no contact.
     """
     stiffness, control = body.stiffness, body.control
     rest, offset, mass = control.rest.copy(), np.zeros_like(control.rest), np.zeros(len(control.mass))
@@ -106,7 +110,7 @@ def configuration(
         "point_mass": encode(mass),
         "region_size": encode([len(points) for points in stiffness.points]),
         "region_point": encode(np.concatenate(stiffness.points)),
-        "asset": asset_key(body),
+        "asset": key,
     }
     values |= _hyperelastic(body, body.quadrature, rest) if body.quadrature else _corotational(body, rest)
     if body.cells:
@@ -218,53 +222,49 @@ def enlargement(branch: np.ndarray) -> float:
     return max(1.0, 0.75 * len(np.unique(branch)))
 
 
-def _contact(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
-    points = [patch_points(body, spheres) for spheres in patches]
+def _contact(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     weights = body.contact.weights.toarray()
-    sizes = [np.bincount(body.contact.cluster[spheres]) for spheres in patches]
+    sizes = [np.bincount(body.contact.cluster[patch.spheres]) for patch in patches]
     values = {
         "contact_radius": repr(body.contact.radius),
-        "patch_size": encode([len(some) for some in points]),
+        "patch_size": encode([len(patch.points) for patch in patches]),
         "patch_clusters": encode([len(clusters) for clusters in sizes]),
         "patch_cluster_size": encode(np.concatenate(sizes)),
-        "patch_point": encode(np.concatenate(points)),
+        "patch_point": encode(np.concatenate([patch.points for patch in patches])),
         "patch_weight": encode(
-            np.concatenate(
-                [weights[np.ix_(spheres, some)].T.ravel() for spheres, some in zip(patches, points, strict=True)]
-            )
+            np.concatenate([weights[np.ix_(patch.spheres, patch.points)].T.ravel() for patch in patches])
         ),
     }
     offset = body.contact.centers - body.contact.weights @ body.control.rest
     if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.centers, axis=0).max():
         # the deformed volume is not Σ_j W_j x_j: such a body touches with its vertices only
-        values["patch_offset"] = encode(np.concatenate([offset[spheres].T.ravel() for spheres in patches]))
+        values["patch_offset"] = encode(np.concatenate([offset[patch.spheres].T.ravel() for patch in patches]))
         return values
     return values | _distance_field(body, patches)
 
 
-def _distance_field(body: SoftBody, patches: Sequence[np.ndarray]) -> dict[str, str]:
+def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     field = body.distance_field
     number = np.empty(len(patches), int)  # of each patch of the body among those of the model
-    number[[body.contact.patch[spheres[0]] for spheres in patches]] = np.arange(len(patches))
+    number[[body.contact.patch[patch.spheres[0]] for patch in patches]] = np.arange(len(patches))
+    moved = np.zeros((len(field.node), len(body.control.frame)), bool)
+    moved[field.weights.nonzero()] = True
+    _, of_set, in_set = np.unique(np.packbits(moved, axis=1), axis=0, return_index=True, return_inverse=True)
+    sets = [np.flatnonzero(moved[node]) for node in of_set]
     return {
         "lattice_spacing": repr(field.spacing),
         "lattice_axes": encode(body.fields.volume.axes),
         "lattice_origin": encode(field.origin),
         "lattice_shape": encode(field.shape),
         "lattice_node": encode(field.node),
-        "lattice_distance": encode(field.distance),
+        "lattice_distance": encode(field.distance.astype(np.float32)),
         "lattice_patch": encode(number[field.patch]),
-        "lattice_count": encode(np.diff(field.weights.indptr)),
-        "lattice_point": encode(field.weights.indices),
-        "lattice_weight": encode(field.weights.data),
-        "lattice_sphere": encode(field.spheres[np.concatenate(patches)]),
+        "lattice_set": encode(in_set),
+        "set_size": encode([len(points) for points in sets]),
+        "set_point": encode(np.concatenate(sets)),
+        "lattice_weight": encode(field.weights.toarray()[moved].astype(np.float32)),
+        "lattice_sphere": encode(np.concatenate([field.spheres[patch.spheres] for patch in patches], dtype=np.float32)),
     }
-
-
-def patch_points(body: SoftBody, spheres: np.ndarray) -> np.ndarray:
-    """Return the control points that move any of the spheres, with all of their frames: one path, ancestors first."""
-    frames = np.unique(body.control.frame[body.contact.weights[spheres].indices])
-    return np.flatnonzero(np.isin(body.control.frame, frames))
 
 
 def instance_name(name: str) -> str:
@@ -281,13 +281,24 @@ def soft_name(instance: str) -> str:
 
 
 def encode(values: np.ndarray | Sequence[int]) -> str:
-    """Return an array as the plugin reads it: type, count and base64 of the little-endian values."""
+    """Return an array as the plugin reads it: type, count and base64 of the little-endian values.
+
+    Integers get the smallest type that holds them, float32 stays that, all others are float64.
+    """
     array = np.ravel(values)
-    kind, form = ("i32", "<i4") if np.issubdtype(array.dtype, np.integer) else ("f64", "<f8")
-    return f"{kind}:{array.size}:{base64.b64encode(array.astype(form).tobytes()).decode('ascii')}"
+    if np.issubdtype(array.dtype, np.integer):
+        kind = next(kind for kind in ("i8", "i16", "i32") if _fits(array, TYPES[kind]))
+    else:
+        kind = "f32" if array.dtype == np.float32 else "f64"
+    return f"{kind}:{array.size}:{base64.b64encode(array.astype(TYPES[kind]).tobytes()).decode('ascii')}"
 
 
 def decode(text: str) -> np.ndarray:
-    """Return the values (count,) of what `encode` wrote."""
+    """Return the values (count,) of what `encode` wrote, as the plugin has them: int32 or float64."""
     kind, _, data = text.split(":")
-    return np.frombuffer(base64.b64decode(data), "<i4" if kind == "i32" else "<f8")
+    return np.frombuffer(base64.b64decode(data), TYPES[kind]).astype(np.int32 if kind[0] == "i" else np.float64)
+
+
+def _fits(array: np.ndarray, kind: str) -> bool:
+    limits = np.iinfo(kind)
+    return not array.size or bool(array.min() >= limits.min and array.max() <= limits.max)

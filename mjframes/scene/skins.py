@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -15,7 +16,8 @@ from mjframes.scene.carriers import Carrier
 from mjframes.scene.plugin_text import SEPARATOR
 from mjframes.scene.veins import add_veined_material, vein_coordinates
 
-SKIN_WEIGHT = 1e-4  # [-] smaller skin weights are left out: below single precision of a pixel
+WEIGHT_DIGITS = 4  # decimals of skin weights, which MJCF writes as text: where frames turn, 1e-4 of their distance
+VERTEX_ROUNDING = 1e-4  # [-] of the body's size, at most: of the vertices' places, a tenth of a pixel
 
 
 def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], name: str) -> None:
@@ -28,20 +30,20 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
     for c, carrier in enumerate(carried):
         bone_of[carrier.points] = c
     gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
+    rounded = _rounded(sparse.csr_array(skin.weights @ gather))
+    places = np.round(skin.vertices, math.ceil(-math.log10(VERTEX_ROUNDING * np.ptp(skin.vertices, axis=0).max())))
     names = Counter(["", "", *(body.materials[int(label)].name for label in np.unique(skin.label))])  # "" is no name
     for label in np.unique(skin.label):
         faces = skin.faces[skin.label == label]
         used, local = np.unique(faces, return_inverse=True)
-        weights = sparse.csc_array(skin.weights[used] @ gather)
-        weights.data[np.abs(weights.data) < SKIN_WEIGHT] = 0
-        weights.eliminate_zeros()
+        weights = sparse.csc_array(rounded[used])
         bones = np.flatnonzero(np.diff(weights.indptr)).tolist()
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
         own = "_".join(filter(None, [material.name, "" if names[material.name] == 1 else str(label)]))
         added = spec.add_skin(
             name=name + SEPARATOR + own,
-            vert=skin.vertices[used].ravel(),
+            vert=places[used].ravel(),
             face=local.ravel(),
             bodyname=[f"{name}{SEPARATOR}{carried[c].points[0]}" for c in bones],
             bindpos=np.ravel([carried[c].pose[1] for c in bones]),
@@ -55,3 +57,13 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
             add_veined_material(spec, material, added.name)
             added.material = added.name
             added.texcoord = vein_coordinates(skin.vertices[used], material.vein_spacing).ravel()
+
+
+def _rounded(weights: sparse.csr_array) -> sparse.csr_array:
+    """The weights in `WEIGHT_DIGITS` decimals; the first of each row is what the others leave of 1."""
+    units = np.round(weights.data * 10**WEIGHT_DIGITS)
+    first = weights.indptr[:-1]
+    units[first] += 10**WEIGHT_DIGITS - np.add.reduceat(units, first)
+    rounded = sparse.csr_array((units / 10**WEIGHT_DIGITS, weights.indices, weights.indptr), weights.shape)
+    rounded.eliminate_zeros()
+    return rounded

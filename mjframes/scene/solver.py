@@ -18,9 +18,17 @@ JOINTS = {  # degrees of freedom of each type
 
 
 def choose_solver(spec: mujoco.MjSpec) -> None:
-    """Set the solver of a spec and the form of its Jacobians by how many degrees of freedom it has now."""
+    """Set the solver of a spec and the form of its Jacobians by how many degrees of freedom it has now.
+
+    Call it when everything is attached.
+    """
     freedom = sum(JOINTS[mujoco.mjtJoint(joint.type)] for joint in spec.joints)
     spec.option.solver, spec.option.jacobian = _best(freedom)
+
+
+def rule() -> str:
+    """Return the choice in a line."""
+    return f'Newton, dense, up to {FEW} degrees of freedom of a scene, CG, sparse, beyond; "mjframes run" tells'
 
 
 def advice(model: mujoco.MjModel) -> str:

@@ -10,7 +10,7 @@ import pytest
 from builders.scenes import FLOOR, beam, compiled
 
 from mjframes.benchmarks import worlds
-from mjframes.benchmarks.bench import SOFT, SPHERES
+from mjframes.benchmarks.step_scenes import BARE, OURS
 
 
 @cache
@@ -41,7 +41,7 @@ def test_worlds_of_another_stiffness_differ(monkeypatch: pytest.MonkeyPatch) -> 
 def test_memory_beyond_mujocos_own_is_bounded() -> None:
     model, _ = scene()
     rigid = mujoco.MjModel.from_xml_string(FLOOR)
-    found = worlds.measure_memory({SOFT: model, SPHERES: rigid})
-    assert set(found) == {(name, way) for name in (SOFT, SPHERES) for way in ("mjData", "world of a batch")}
-    assert found[SOFT, "world of a batch"] - found[SPHERES, "world of a batch"] < 30_000
-    assert found[SOFT, "mjData"] > 0
+    found = worlds.measure_memory({OURS: model, BARE: rigid})
+    assert set(found) == {(name, way) for name in (OURS, BARE) for way in ("mjData", "world of a batch")}
+    assert found[OURS, "world of a batch"] - found[BARE, "world of a batch"] < 30_000
+    assert found[OURS, "mjData"] > 0

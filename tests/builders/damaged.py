@@ -39,7 +39,7 @@ DAMAGED = {
     "lengthened": ("region_stiffness", r"(f64:\d+:)", r"\g<3>AAAA", "region_stiffness is truncated or damaged"),
     "other letters": ("region_gradient", r"(f64:\d+:.{40}).", r"\g<3>*", "region_gradient is truncated or damaged"),
     "empty": ("point_rest", r"[^\"]*", "", "point_rest is not an array of type f64"),
-    "other type": ("region_point", "i32", "f64", "region_point is not an array of type i32"),
+    "other type": ("region_point", "i8", "f64", "region_point is not an array of type i32 or i16 or i8"),
     "no count": ("patch_weight", r"f64:\d+", "f64:many", "patch_weight has no valid element count"),
     "huge count": ("patch_weight", r"f64:\d+", "f64:99999999999999", "patch_weight is truncated or damaged"),
     "negative count": ("patch_weight", r"f64:\d+", "f64:-1", "patch_weight has no valid element count"),
@@ -78,6 +78,13 @@ DAMAGED = {
     "fewer patches": ("patch_size", r"[^\"]*", encode([4]), "its patch geoms do not match its patches"),
     "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 18), "its patch arrays do not match each other"),
     "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 71), "a cluster of a patch has no valid size"),
+    "other lattice weights": (
+        "lattice_weight",
+        r"(f32:\d+:).{8}",
+        r"\g<3>AAAAAAAA",
+        "its lattice's weights do not sum to 1",
+    ),
+    "unknown sets": ("set_size", r"[^\"]*", encode([1]), "its lattice arrays do not match each other"),
     "patch points": (
         "patch_point",
         r"[^\"]*",

@@ -13,7 +13,7 @@ class Deformed:
     """Those parts of a soft body that contact rows of the patch on MuJoCo's body `owner` can move."""
 
     def __init__(self, model: mujoco.MjModel, view: Soft, owner: int) -> None:
-        get = {key: decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "distance", "count")}
+        get = {key: decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "distance", "set")}
         self.spacing = float(view.configuration["lattice_spacing"])
         self.shape, self.distance = get["shape"].astype(int), get["distance"]
         self.place = np.full(self.shape.prod(), -1)
@@ -24,8 +24,11 @@ class Deformed:
             path.add(owner)
         held = np.isin(view.bodies, list(path)) | (model.body_jntnum[view.bodies] == 0)
         weights = np.zeros((len(get["node"]), len(view.bodies)))
-        rows = np.repeat(np.arange(len(get["node"])), get["count"])
-        weights[rows, decode(view.configuration["lattice_point"])] = decode(view.configuration["lattice_weight"])
+        size, point = (decode(view.configuration[f"set_{key}"]) for key in ("size", "point"))
+        sets = np.split(point, np.cumsum(size)[:-1])
+        rows = np.repeat(np.arange(len(get["node"])), size[get["set"]])
+        columns = np.concatenate([sets[some] for some in get["set"]])
+        weights[rows, columns] = decode(view.configuration["lattice_weight"])
         weights *= held
         self.weights_of_nodes = weights / np.maximum(weights.sum(axis=1), 1e-9)[:, None]
         self.nodes = self.weights_of_nodes @ view.control_positions

@@ -17,6 +17,7 @@ import trimesh
 
 from mjframes.body.build import build
 from mjframes.cli.commands import main
+from mjframes.scene import solver
 from mjframes.scene.load import load_scene
 from mjframes.scene.view import soft, soft_names
 from mjframes.volume.material import Material
@@ -173,6 +174,22 @@ def body(volume: Path) -> Path:
     return path
 
 
+def test_a_better_solver_is_recommended_where_the_scene_is_the_users(
+    body: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "empty.xml").write_text("<mujoco/>")
+    scene = str(tmp_path / "scene.xml")
+    monkeypatch.setattr(solver, "FEW", 23)
+    assert main(["build", str(body), "--into", str(tmp_path / "empty.xml"), "-o", scene]) == 0
+    better = '<option solver="CG" jacobian="sparse"/> is made for 24 degrees of freedom'
+    assert f"solver: {better}" in capsys.readouterr().out
+    assert main(["run", scene, "--duration", "0.01"]) == 0
+    assert better in capsys.readouterr().out
+    assert main(["build", str(body), "-o", scene]) == 0
+    assert main(["run", scene, "--duration", "0.01"]) == 0
+    assert "<option" not in capsys.readouterr().out
+
+
 def test_build_takes_a_soft_body_as_it_is(body: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "scene.xml"
     assert main(["build", str(body), "-o", str(scene)]) == 0
@@ -232,7 +249,7 @@ def test_build_puts_a_body_into_a_scene(
         assert np.abs(data.qpos).sum() == pytest.approx(7.5)
         mujoco.mj_step(model, data)
     assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["new.xml"]
-    capsys.readouterr()
+    assert "<option" not in capsys.readouterr().out
     kept = kitchen.read_text()
     for wrong, message in (
         ([], "--name is 'bar', which .*kitchen.xml has already"),

@@ -248,6 +248,7 @@ def test_the_doctor_finds_everything_needed(capsys: pytest.CaptureFixture[str]) 
     assert status == 0, printed
     assert str(plugin.library_path()) in printed
     assert f"made {doctor.STEPS} steps" in printed
+    assert "Newton, dense, up to 300 degrees of freedom" in printed
 
 
 def test_the_doctor_reports_a_failure_as_one_line(

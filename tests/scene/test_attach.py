@@ -240,9 +240,37 @@ def test_skins_move_with_the_control_points() -> None:
         np.testing.assert_allclose(model.skin_rgba[skin], body.materials[int(label)].rgba, atol=1e-6)
 
 
-@pytest.mark.parametrize("values", [np.array([0.1, -1e300, np.pi]), np.array([7, -1, 2**31 - 1]), np.zeros(0)])
-def test_arrays_are_decoded_to_the_bit(values: np.ndarray) -> None:
+def test_skin_weights_have_few_digits_and_sum_to_1() -> None:
+    model, _ = compiled("<mujoco/>", (lump(), (0.1, 0, 0), TILTED))
+    exact = lump().skin.weights.toarray()
+    for skin, label in enumerate(np.unique(lump().skin.label)):
+        used = np.unique(lump().skin.faces[lump().skin.label == label])
+        written = np.zeros((len(used), len(lump().control.frame)))
+        for bone in model.skin_boneadr[skin] + np.arange(model.skin_bonenum[skin]):
+            start, count = model.skin_bonevertadr[bone], model.skin_bonevertnum[bone]
+            point = int(model.body(model.skin_bonebodyid[bone]).name.rpartition(":")[2])
+            written[model.skin_bonevertid[start : start + count], point] = model.skin_bonevertweight[start:][:count]
+        np.testing.assert_allclose(written, np.round(written, 4), atol=1e-6)
+        np.testing.assert_allclose(written.sum(axis=1), 1, atol=1e-6)
+        np.testing.assert_allclose(written, exact[used], atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        (np.array([0.1, -1e300, np.pi]), "f64"),
+        (np.array([0.1, -3e38, np.pi], np.float32), "f32"),
+        (np.array([127, -128]), "i8"),
+        (np.array([128, -32768]), "i16"),
+        (np.array([7, -1, 2**31 - 1]), "i32"),
+        (np.zeros(0), "f64"),
+        (np.zeros(0, int), "i8"),
+    ],
+)
+def test_arrays_are_decoded_to_the_bit(values: np.ndarray, kind: str) -> None:
+    assert encode(values).startswith(f"{kind}:{values.size}:")
     np.testing.assert_array_equal(decode(encode(values)), values)
+    assert decode(encode(values)).dtype == (np.int32 if kind[0] == "i" else np.float64)
 
 
 class PluginHead(ctypes.Structure):

@@ -211,6 +211,43 @@ class Flex:
         np.add.at(self.data.xfrc_applied[:, :3], self.bodies[moving], on_nodes[moving])
 
 
+class Scene:
+    """A scene with flexes, from a state shortly after first contact on, with the faster of MuJoCo's two solvers."""
+
+    def __init__(self, xml: str, fall: int, steps: int) -> None:
+        self.model = mujoco.MjModel.from_xml_string(xml)
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_step(self.model, self.data, nstep=fall)
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        self.state = np.zeros(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, self.state, kind)
+        seconds = {}
+        for solver in (mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtSolver.mjSOL_CG):
+            self.model.opt.solver = solver
+            seconds[solver] = min(self.seconds(steps) for _ in range(2))
+        self.model.opt.solver = min(seconds, key=lambda solver: seconds[solver])
+
+    def restart(self) -> None:
+        mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def seconds(self, steps: int) -> float:
+        """Return the processor time of so many steps [s]."""
+        self.restart()
+        start = time.thread_time()
+        mujoco.mj_step(self.model, self.data, nstep=steps)
+        return time.thread_time() - start
+
+    def contacts(self, steps: int) -> tuple[float, float]:
+        """Return the mean numbers of contacts and of the solver's iterations."""
+        self.restart()
+        contacts = iterations = 0
+        for _ in range(steps):
+            mujoco.mj_step(self.model, self.data)
+            contacts += self.data.ncon
+            iterations += int(self.data.solver_niter[: max(1, self.data.nisland)].max())
+        return contacts / steps, iterations / steps
+
+
 def _text(numbers: np.ndarray) -> str:
     return " ".join(map(repr, np.asarray(numbers).tolist()))
 
@@ -218,7 +255,7 @@ def _text(numbers: np.ndarray) -> str:
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what MuJoCo prints is no answer
-    flexes: dict[int, Flex] = {}
+    flexes: dict[int, Any] = {}
     for line in sys.stdin:
         order = json.loads(line)
         try:
@@ -229,7 +266,7 @@ def main() -> None:
         answers.flush()
 
 
-def respond(order: dict[str, Any], flexes: dict[int, Flex]) -> dict[str, Any]:
+def respond(order: dict[str, Any], flexes: dict[int, Any]) -> dict[str, Any]:
     match order["do"]:
         case "version":
             return {"version": mujoco.__version__}
@@ -264,6 +301,12 @@ def respond(order: dict[str, Any], flexes: dict[int, Flex]) -> dict[str, Any]:
             quantity = lambda: float(np.sum(flex.job["goal"] * flex.field()))  # noqa: E731
             history = release(flex.model, flex.data, quantity, order["timestep"], order["steps"])
             return {"history": history.tolist()}
+        case "scene":
+            flexes[order["id"]] = scene = Scene(order["xml"], order["fall"], order["steps"])
+            contacts, iterations = scene.contacts(order["steps"])
+            return {"dofs": scene.model.nv, "contacts": contacts, "iterations": iterations}
+        case "steps":
+            return {"seconds": flexes[order["id"]].seconds(order["steps"])}
         case "forget":
             flexes.clear()
             return {}
