@@ -97,8 +97,8 @@ def main(mujoco4: str | None) -> None:
     for name, text in machine().items():
         console.print(f"{name:9}  {text}", highlight=False)
     body = build(Volume.load(VOLUME), FRAMES)
-    soft = soft_run(STEAK, body, "contact")
-    bare = bare_run(STEAK, body, "contact", soft.contacts(CONTACTS)[0])
+    soft = soft_run("steak", body, "contact")
+    bare = bare_run("steak", body, "contact", soft.contacts(CONTACTS)[0])
     models = {OURS: soft.model, BARE: bare.model}
     start = lying(models[OURS])
     rates = list(measure_rates(models[OURS], start, WORLDS, THREADS, LEAST))
