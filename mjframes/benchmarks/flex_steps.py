@@ -19,7 +19,7 @@ from mjframes.volume.volume import Volume
 
 ACROSS = 6  # voxels of the beam across
 KINDS = ("trilinear", "quadratic")
-MOST_DOFS = 1500  # of a flex that is tried
+MOST_DOFS = 800  # of a flex that is tried: finer ones take minutes to come to rest
 RADIUS = 1e-3  # [-] of a cell, of the flex's vertices
 
 

@@ -178,16 +178,16 @@ def test_growth_is_the_exponent() -> None:
 def test_tables_have_every_number(tmp_path: Path) -> None:
     speeds = [
         invented(frames, scene, name, factor * 1e-6 * frames)
-        for frames in (3, 10)
+        for frames in (3, 10, 40)
         for scene in SCENES
         for name, factor in ((OURS, 12.0), (BARE, 4.0))
         if (frames, scene) != (10, "stack")
     ]
     columns = [list(column.cells) for column in step_table(speeds, STEAK).columns]
-    assert columns[0] == ["3 frames", "10 frames", "growth 3–20", "growth 20–160"]
-    assert columns[1] == ["36", "120", "", ""]
-    assert columns[2] == ["36", "120", "1.0", "–"]  # microseconds
-    assert columns[4] == ["3.0", "3.0", "", ""]
+    assert columns[0] == ["3 frames", "10 frames", "40 frames", "growth 3–20", "growth 20–40"]
+    assert columns[1] == ["36", "120", "480", "", ""]
+    assert columns[2] == ["36", "120", "480", "1.0", "–"]  # microseconds
+    assert columns[4] == ["3.0", "3.0", "3.0", "", ""]
     assert [column[1] for column in columns[12:17]] == ["–"] * 5  # the stack of ten frames
     lines = readme_table(speeds, {3: 0.84}, {3: (3, 500)}).splitlines()
     assert lines[2] == "| 3 | 36 | 0.8 s | 3 s | 36 µs | 36 µs | 3.0 | 36 µs | 36 µs | 28,000 | 500 |"
