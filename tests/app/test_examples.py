@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
+import mujoco.sysid
 import numpy as np
 import pytest
 
 import mjframes as mf
-from examples import kernels, knee
+from examples import identify, kernels, knee
 from examples.steak import run, steak_scene
 from mjframes.app.log.read import read_log
 from mjframes.testing import Goldens
@@ -76,15 +77,4 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
     assert found.body.links == tuple(BONES)
     assert view.elastic_energy > 0
     golden(found.model, mujoco.MjData(found.model), "rat", "beside")
-    golden(found.model, found.data, "running_rat", "beside")
-
-
-@pytest.mark.dm_control
-def test_a_jaco_arm_lifts_the_steak() -> None:
-    from examples import lift
-
-    found = lift.lift(lift.started(seed=0))
-    assert found.rise > 0.15  # [m], all through the last second
-    assert found.clearance > 0.02  # [m] above the block, of the lowest point
-    assert found.rewards[0] == 0
-    assert found.rewards[-1] == 1
+from examples import identify, kernels, knee
