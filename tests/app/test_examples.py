@@ -77,4 +77,26 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
     assert found.body.links == tuple(BONES)
     assert view.elastic_energy > 0
     golden(found.model, mujoco.MjData(found.model), "rat", "beside")
-from examples import identify, kernels, knee
+    golden(found.model, found.data, "running_rat", "beside")
+
+
+@pytest.mark.dm_control
+def test_a_jaco_arm_lifts_the_steak() -> None:
+    from examples import lift
+
+    found = lift.lift(lift.started(seed=0))
+    assert found.rise > 0.15  # [m], all through the last second
+    assert found.clearance > 0.02  # [m] above the block, of the lowest point
+    assert found.rewards[0] == 0
+    assert found.rewards[-1] == 1
+
+
+def test_two_moduli_are_identified_from_pokes(tmp_path: Path) -> None:
+    if not hasattr(mujoco.sysid, "optimize"):
+        pytest.skip("mujoco.sysid needs its extra")
+    found = identify.run(tmp_path)
+    assert (tmp_path / "identify.png").stat().st_size > 20_000
+    np.testing.assert_allclose(found.young[0] / identify.TRUE, [3, 1 / 3])
+    assert (found.error < 0.01).all()
+    assert np.ptp(found.recorded, axis=0).min() > 0.005  # [m]: pokes that are felt
+    assert np.sqrt(np.mean((found.fitted - found.recorded) ** 2)) < 1.5 * identify.NOISE
