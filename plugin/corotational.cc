@@ -32,22 +32,6 @@ double Trust(const Region& region, const Vec3* x, const Mat3& back, const Mat3& 
   return TrustOf(least);
 }
 
-// Into a lane of a batch: what factors of the materials change.
-void FillLane(const Region& region, int lane, RegionBatch* batch) {
-  const size_t width = 3 * static_cast<size_t>(region.size());
-  size_t entry = 0;
-  for (int j = 0; j < region.size(); j++) {
-    for (int k = 0; k <= j; k++) {
-      for (int e = 0; e < 9; e++, entry++) {
-        batch->stiffness[kWideLanes * entry + lane] = region.stiffness[(3 * j + e / 3) * width + 3 * k + e % 3];
-      }
-    }
-  }
-  for (size_t q = 0; q < region.cells.size(); q++) {
-    batch->material[kWideLanes * q + lane] = region.cells[q].material;
-  }
-}
-
 RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   RegionBatch batch;
   const int m = batch.size = regions.front()->size();
@@ -92,7 +76,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
     }
     if (filled) {
       batch.region.push_back(region.number);
-      FillLane(region, lane, &batch);
+      FillLane(region, region.stiffness.data(), nullptr, lane, &batch);
     }
     for (size_t q = 0; filled && q < region.cells.size(); q++) {
       const Cell& cell = region.cells[q];
@@ -109,11 +93,19 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 
 }  // namespace
 
-void Refill(const std::vector<Region>& regions, std::vector<RegionBatch>* batches) {
-  for (RegionBatch& batch : *batches) {
-    for (size_t lane = 0; lane < batch.region.size(); lane++) {
-      FillLane(regions[batch.region[lane]], static_cast<int>(lane), &batch);
+void FillLane(const Region& region, const double* stiffness, const double* factors, int lane, RegionBatch* batch) {
+  const size_t width = 3 * static_cast<size_t>(region.size());
+  size_t entry = 0;
+  for (int j = 0; j < region.size(); j++) {
+    for (int k = 0; k <= j; k++) {
+      for (int e = 0; e < 9; e++, entry++) {
+        batch->stiffness[kWideLanes * entry + lane] = stiffness[(3 * j + e / 3) * width + 3 * k + e % 3];
+      }
     }
+  }
+  for (size_t q = 0; q < region.cells.size(); q++) {
+    const Cell& cell = region.cells[q];
+    batch->material[kWideLanes * q + lane] = factors ? Scaled(cell.material, factors[cell.factor]) : cell.material;
   }
 }
 
@@ -128,7 +120,8 @@ Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess) {
   return ClosestRotation(F, R);
 }
 
-double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R) {
+double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, const double* stiffness,
+                    const double* factors) {
   const int m = region.size();
   Vec3 mean{};
   for (int j = 0; j < m; j++) mean = mean + (1.0 / m) * x[region.point[j]];
@@ -140,7 +133,7 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R) {
     for (int k = 0; k < m; k++) {
       const Vec3 yk = strain(k);
       for (int r = 0; r < 3; r++) {
-        const double* row = region.stiffness.data() + 3 * (static_cast<size_t>(3 * j + r) * m + k);
+        const double* row = stiffness + 3 * (static_cast<size_t>(3 * j + r) * m + k);
         w[r] += row[0] * yk[0] + row[1] * yk[1] + row[2] * yk[2];
       }
     }
@@ -156,7 +149,8 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R) {
       }
     }
     const Invariants<double> is = InvariantsOf(F.data());
-    energy += cell.volume * EnergyDensity(region.law, cell.material, is.i1, is.i2, is.j);
+    const double factor = factors ? factors[cell.factor] : 1;
+    energy += cell.volume * factor * EnergyDensity(region.law, cell.material, is.i1, is.i2, is.j);
   }
   return energy;
 }

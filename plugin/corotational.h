@@ -82,8 +82,9 @@ MJFRAMES_INLINE V TrustOf(const V& e) {
 // R. x: all control points of the body [m].
 Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess);
 
-// ½ yᵀ K_e y and the cells' energy [J]
-double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R);
+// ½ yᵀ K_e y and the cells' energy [J], with this K_e (3m × 3m) and factors of the cells' moduli, the region's own
+// where none are given.
+double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, const double* stiffness, const double* factors);
 
 // Eight regions side by side, one a lane: their force and stiffness.
 //
@@ -118,8 +119,8 @@ struct RegionBatch {
 // All regions, largest first; neighbours next to each other.
 std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions);
 
-// Gives batches the stiffness and the cells' materials of these regions, which they were made of; allocates nothing.
-void Refill(const std::vector<Region>& regions, std::vector<RegionBatch>* batches);
+// Gives a lane of a batch another K_e of its region (3m × 3m), and the cells' materials with factors of their moduli.
+void FillLane(const Region& region, const double* stiffness, const double* factors, int lane, RegionBatch* batch);
 
 // Scratch memory for the largest batch of a body; allocated once.
 struct BatchScratch {

@@ -10,16 +10,20 @@ Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& 
       batch_scratch_(model.batches),
       quadrature_scratch_(model.quadrature),
       scaled_(model.factors, 1.0),
-      regions_(model.factors > 1 ? model.regions : std::vector<Region>()),
       batches_(model.factors > 1 ? model.batches : std::vector<RegionBatch>()),
       stiffness_(9 * pairs.size()),
       enlarged_(model.enlarges ? 9 * pairs.size() : 0) {
+  if (model.factors == 1) return;
   size_t most = 0;
-  for (Region& region : regions_) {
-    region.shares = {};
-    most = std::max(most, region.stiffness.size());
-  }
+  for (const Region& region : model.regions) most = std::max(most, region.stiffness.size());
+  matrix_.resize(most);
   rows_.resize(most);
+}
+
+const double* Elasticity::ScaledStiffness(const Region& region) {
+  if (!apart_) return region.stiffness.data();
+  ScaleStiffness(region.stiffness, 3 * region.size(), region.shares, scaled_, rows_.data(), matrix_.data());
+  return matrix_.data();
 }
 
 void Elasticity::Scale(const std::vector<double>& factors) {
@@ -33,14 +37,12 @@ void Elasticity::Scale(const std::vector<double>& factors) {
     std::copy(factors.begin(), factors.end(), scaled_.begin());
   }
   quadrature_scratch_.Scale(model_.quadrature, scaled_);
-  for (size_t e = 0; e < regions_.size(); e++) {
-    const Region& built = model_.regions[e];
-    ScaleStiffness(built.stiffness, built.shares, scaled_, rows_.data(), &regions_[e].stiffness);
-    for (size_t q = 0; q < built.cells.size(); q++) {
-      regions_[e].cells[q].material = Scaled(built.cells[q].material, scaled_[built.cells[q].factor]);
+  for (RegionBatch& batch : batches_) {
+    for (size_t lane = 0; lane < batch.region.size(); lane++) {
+      const Region& region = model_.regions[batch.region[lane]];
+      FillLane(region, ScaledStiffness(region), scaled_.data(), static_cast<int>(lane), &batch);
     }
   }
-  Refill(regions_, &batches_);
 }
 
 void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* force) {
@@ -85,9 +87,9 @@ void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict forc
 double Elasticity::Energy(const Vec3* x) {
   double energy = 0;
   Mat3 R = kIdentity;  // neighbouring regions turn alike, so each starts its rotation from the one before
-  for (const Region& region : apart_ ? regions_ : model_.regions) {
+  for (const Region& region : model_.regions) {
     R = RegionRotation(region, x, R);
-    energy += RegionEnergy(region, x, R);
+    energy += RegionEnergy(region, x, R, ScaledStiffness(region), apart_ ? scaled_.data() : nullptr);
   }
   for (size_t e = 0; e < model_.quadrature.size(); e++) {
     energy += QuadratureEnergy(model_.quadrature, e, x, &quadrature_scratch_);

@@ -4,13 +4,14 @@
 #include <cmath>
 
 #include "constants.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
 
-// out += scale Yᵀ C⁻¹ Y (n × n, in rows of `width`) of rows [Y, C] (o × width), which are lost; what has no stiffness
-// carries nothing.
-void AddCarried(double* rows, int own, int width, double scale, double* out) {
+// out += scale Yᵀ C⁻¹ Y (n × n, up to the diagonal, in rows of `width`) of rows [Y, C] (o × width), which are lost;
+// what has no stiffness carries nothing.
+MJFRAMES_INLINE void AddCarriedOf(double* __restrict rows, int own, int width, double scale, double* __restrict out) {
   const int n = width - own;
   double largest = 0;
   for (int i = 0; i < own; i++) largest = std::max(largest, rows[static_cast<size_t>(i) * width + n + i]);
@@ -25,13 +26,18 @@ void AddCarried(double* rows, int own, int width, double scale, double* out) {
       for (int c = 0; c < width; c++) row[c] -= factor * pivot[c];
     }
   }
-  for (int i = 0; i < own; i++) {
-    const double* row = rows + static_cast<size_t>(i) * width;
-    for (int a = 0; a < n; a++) {
+  for (int a = 0; a < n; a++) {
+    double* sum = out + static_cast<size_t>(a) * width;
+    for (int i = 0; i < own; i++) {
+      const double* row = rows + static_cast<size_t>(i) * width;
       const double factor = scale * row[a];
-      for (int b = 0; b < n; b++) out[static_cast<size_t>(a) * width + b] += factor * row[b];
+      for (int b = 0; b <= a; b++) sum[b] += factor * row[b];
     }
   }
+}
+
+void AddCarried(double* rows, int own, int width, double scale, double* out) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddCarriedOf(rows, own, width, scale, out); });
 }
 
 }  // namespace
@@ -41,16 +47,19 @@ std::vector<double> RestOf(const std::vector<double>& stiffness, int width, int 
   std::vector<double> whole = stiffness, rest;
   std::vector<double> rows(stiffness.begin() + static_cast<ptrdiff_t>(n) * width, stiffness.end());
   if (n > 0) AddCarried(rows.data(), own, width, -1, whole.data());
-  for (int a = 0; a < n; a++) rest.insert(rest.end(), &whole[static_cast<size_t>(a) * width], &whole[a * width + n]);
+  for (int a = 0; a < n; a++) {
+    const double* row = whole.data() + static_cast<size_t>(a) * width;
+    rest.insert(rest.end(), row, row + a + 1);
+  }
   return rest;
 }
 
-void ScaleStiffness(const std::vector<double>& built, const Shares& shares, const std::vector<double>& factors,
-                    double* scratch, std::vector<double>* scaled) {
-  const int own = shares.own, width = static_cast<int>(std::lround(std::sqrt(built.size()))), n = width - own;
+void ScaleStiffness(const std::vector<double>& built, int width, const Shares& shares,
+                    const std::vector<double>& factors, double* scratch, double* scaled) {
+  const int own = shares.own, n = width - own;
   const size_t size = ShareSize(width, own);
   const double last = factors.back();
-  double* K = scaled->data();
+  double* K = scaled;
   const double* share = shares.rows.data();
   for (int r = n; r < width; r++) {
     for (int c = 0; c <= r; c++, share++) {
@@ -60,12 +69,15 @@ void ScaleStiffness(const std::vector<double>& built, const Shares& shares, cons
     }
   }
   if (n == 0) return;
+  const double* rest = shares.rest.data();
   for (int a = 0; a < n; a++) {
-    for (int b = 0; b < n; b++)
-      K[static_cast<size_t>(a) * width + b] = last * shares.rest[static_cast<size_t>(a) * n + b];
+    for (int b = 0; b <= a; b++, rest++) K[static_cast<size_t>(a) * width + b] = last * *rest;
   }
   std::copy_n(K + static_cast<size_t>(n) * width, static_cast<size_t>(own) * width, scratch);
   AddCarried(scratch, own, width, 1, K);
+  for (int a = 0; a < n; a++) {
+    for (int b = 0; b < a; b++) K[static_cast<size_t>(b) * width + a] = K[static_cast<size_t>(a) * width + b];
+  }
 }
 
 }  // namespace mjframes

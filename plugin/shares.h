@@ -19,7 +19,7 @@ struct Shares {
   int own = 0;  // o
   std::vector<double>
       rows;  // R_m of each material but the last, up to the diagonal [N/m]  ((M − 1) × o (2n + o + 1)/2)
-  std::vector<double> rest;  // Q, 0 but for the other points [N/m]                          (n × n)
+  std::vector<double> rest;  // Q of the other points, 0 beyond, up to the diagonal [N/m]     (n (n + 1)/2)
 };
 
 // How many entries a material has in `rows`; width: n + o.
@@ -28,9 +28,10 @@ inline size_t ShareSize(int width, int own) { return static_cast<size_t>(own) * 
 // Q of a stiffness (width × width). Allocates.
 std::vector<double> RestOf(const std::vector<double>& stiffness, int width, int own);
 
-// K(s) (width × width) into `scaled`. built: K.  factors: of all M materials.  scratch: room for o × width.
-void ScaleStiffness(const std::vector<double>& built, const Shares& shares, const std::vector<double>& factors,
-                    double* scratch, std::vector<double>* scaled);
+// K(s) (width × width) into `scaled`. built: K, of `width` rows.  factors: of all M materials.  scratch: room for o ×
+// width.
+void ScaleStiffness(const std::vector<double>& built, int width, const Shares& shares,
+                    const std::vector<double>& factors, double* scratch, double* scaled);
 
 }  // namespace mjframes
 

@@ -54,8 +54,8 @@ def scale(
     materials: the factor of the material with that name. Materials that are not named have the common factor, or 1.
     damping: factors of α and β of `build` [-], (2,) or (worlds, 2).
     What is not given stays as it is. Factors do not add up: 1 is what was built, whatever was asked for before.
-    Raise MjframesError where the model has no such soft body, for materials that it has not or has several of that
-    name, and for factors that are not positive and finite.
+    Raise MjframesError where the model has no such soft body, for materials that it has not or several of that name,
+    for numbers of no world, and for factors that are not positive and finite.
     """
     compiled = model if isinstance(model, mujoco.MjModel) else getattr(model, "model", None)
     if not isinstance(compiled, mujoco.MjModel):

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
+import mujoco.sysid
 import numpy as np
 import pytest
 
 import mjframes as mf
-from examples import kernels, knee
+from examples import identify, kernels, knee
 from examples.steak import run, steak_scene
 from mjframes.app.log.read import read_log
 from mjframes.testing import Goldens
@@ -88,3 +89,14 @@ def test_a_jaco_arm_lifts_the_steak() -> None:
     assert found.clearance > 0.02  # [m] above the block, of the lowest point
     assert found.rewards[0] == 0
     assert found.rewards[-1] == 1
+
+
+def test_two_moduli_are_identified_from_pokes(tmp_path: Path) -> None:
+    if not hasattr(mujoco.sysid, "optimize"):
+        pytest.skip("mujoco.sysid needs its extra")
+    found = identify.run(tmp_path)
+    assert (tmp_path / "identify.png").stat().st_size > 20_000
+    np.testing.assert_allclose(found.young[0] / identify.TRUE, [3, 1 / 3])
+    assert (found.error < 0.01).all()
+    assert np.ptp(found.recorded, axis=0).min() > 0.005  # [m]: pokes that are felt
+    assert np.sqrt(np.mean((found.fitted - found.recorded) ** 2)) < 1.5 * identify.NOISE

@@ -1,0 +1,168 @@
+"""The moduli of a post's two layers from recorded pokes, found by MuJoCo's own system identification.
+
+A post stands on the ground, a firm layer below a soft one; two balls push it sideways, one after the other, where the
+layers meet and at the top, and the record is how far they come. `mujoco.sysid` fits the two factors of the numeric
+`post:stiffness`, which are exact to first order, so the post is built anew with what a fit found and fitted again: a
+factor of nine between the layers is off by half at first, and by a thousandth after three fits.
+The post that is poked is one that was built with the moduli to be found, not one that was scaled, but of the same
+voxels, frames and law as those that are fitted: that spares this example what a real record has, errors of shape, law
+and contact. Noise is added to the record.
+Run `python examples/identify.py --out out`; it needs `pip install "mjframes[identify]"`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco import rollout, sysid
+from numpy.typing import NDArray
+
+import mjframes as mf
+
+Array = NDArray[np.float64]
+
+LAYERS = ("base", "top")
+TRUE = np.array([6e4, 2e4])  # [Pa] Young's moduli of the layers
+GUESS = TRUE * [3, 1 / 3]  # [Pa] where the search starts
+HEIGHT, WIDTH, SPACING = 16, 5, 0.01  # [voxels] of both layers together, [m]
+FRAMES, ROUNDS = 4, 3
+FORCE = np.array([0.8, 0.25])  # [N] of the lower and the upper ball, where it is most
+DURATION, POKE, STARTS = 1.0, 0.4, (0.05, 0.55)  # [s] of the record, of a poke, and when these start
+NOISE = 2e-5  # [m] of the balls' places
+REACH = np.log(10)  # [-] of a fit: factors from 0.1 to 10
+STEP, ENOUGH = (
+    1e-3,
+    1e-4,
+)  # [-] of the logarithms of factors: for differences, where contacts are rough, and to end with
+BALL = 0.01  # [m] radius
+PLACES = SPACING * np.array([HEIGHT / 2, HEIGHT - 2])  # [m] heights at which they push
+SIDE = f'type="slide" axis="1 0 0" damping="0.2"/><geom type="sphere" size="{BALL}" mass="0.02"/></body>'
+SCENE = f"""<mujoco><option gravity="0 0 0" timestep="0.004"/><worldbody>
+<body pos="{-BALL} {SPACING * WIDTH / 2} {PLACES[0]}"><joint name="lower" {SIDE}
+<body pos="{-BALL} {SPACING * WIDTH / 2} {PLACES[1]}"><joint name="upper" {SIDE}
+</worldbody><actuator><motor joint="lower"/><motor joint="upper"/></actuator>
+<sensor><jointpos name="low" joint="lower"/><jointpos name="high" joint="upper"/></sensor></mujoco>"""
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """young: (rounds + 1, 2) [Pa] of base and top, the guess and what each round found.
+
+    time: (n,) [s], recorded and fitted: (n, 2) [m] how far the balls come, in the record and at last.
+    """
+
+    young: Array
+    time: Array
+    recorded: Array
+    fitted: Array
+
+    @property
+    def error(self) -> Array:
+        """Return that of each modulus (2,), relative to the true one [-]."""
+        return np.abs(self.young[-1] / TRUE - 1)
+
+
+def scene(young: Array) -> mujoco.MjSpec:
+    """Return the post with these moduli (2,) [Pa] and the balls that poke it."""
+    labels = np.ones((WIDTH, WIDTH, HEIGHT), int)
+    labels[:, :, HEIGHT // 2 :] = 2
+    materials = {i + 1: mf.Material(young[i], 0.4, 1000, name=name) for i, name in enumerate(LAYERS)}
+    ground = np.zeros(labels.shape, bool)
+    ground[:, :, 0] = True
+    volume = mf.Volume.from_labels(labels, SPACING, materials)
+    body = mf.build(volume, FRAMES, supports=mf.Fixed(ground), damping=(0.0, 0.01))
+    spec = mujoco.MjSpec.from_string(SCENE)
+    mf.attach(spec, body, "post")
+    return spec
+
+
+def pokes(time: Array) -> Array:
+    """Return the forces (n, 2) [N] of both balls."""
+    since = time[:, None] - STARTS
+    return FORCE * np.where((since > 0) & (since < POKE), np.sin(np.pi * since / POKE) ** 2, 0)
+
+
+def poked(model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Return time (n,) [s] and how far the balls come (n, 2) [m]."""
+    data = mujoco.MjData(model)
+    start = sysid.create_initial_state(model, data.qpos, data.qvel, data.act)
+    times = model.opt.timestep * np.arange(round(DURATION / model.opt.timestep))
+    states, sensors = rollout.rollout(model, data, start, pokes(times)[:-1])
+    return states[0, :, 0], sensors[0]
+
+
+def fit(young: Array, time: Array, recorded: Array) -> tuple[Array, Array]:
+    """Return the moduli (2,) [Pa] that fit a record best, by factors of a post built with others; and the fit."""
+    spec = scene(young)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    times = model.opt.timestep * np.arange(len(time) + 1)
+
+    def scaled(some: mujoco.MjSpec, parameter: sysid.Parameter) -> None:
+        some.numeric("post:stiffness").data = np.exp(parameter.value)
+
+    parameters = sysid.ParameterDict()
+    parameters.add(sysid.Parameter("factors", np.zeros(2), np.full(2, -REACH), np.full(2, REACH), modifier=scaled))
+    record = sysid.ModelSequences(
+        "post",
+        spec,
+        "pokes",
+        sysid.create_initial_state(model, data.qpos, data.qvel, data.act),
+        sysid.TimeSeries(times, pokes(times)),
+        sysid.TimeSeries.from_names(time, recorded, model),
+    )
+    misses = sysid.build_residual_fn(models_sequences=[record])
+    quiet = {"verbose": False, "eps": STEP, "xtol": ENOUGH, "max_iters": 20}
+    found, _ = sysid.optimize(parameters, misses, optimizer="mujoco", **quiet)
+    factors = np.exp(found["factors"].value)
+    mf.scale(model, "post", dict(zip(LAYERS, factors, strict=True)))
+    return young * factors, poked(model)[1]
+
+
+def identify() -> Identified:
+    """Raise ModuleNotFoundError without what `mujoco.sysid` needs."""
+    if not hasattr(sysid, "optimize"):
+        raise ModuleNotFoundError('mujoco.sysid lacks packages: pip install "mjframes[identify]"')
+    time, exact = poked(scene(TRUE).compile())
+    recorded = exact + NOISE * np.random.default_rng(0).normal(size=exact.shape)
+    young, fitted = [GUESS], exact
+    for _ in range(ROUNDS):
+        better, fitted = fit(young[-1], time, recorded)
+        young.append(better)
+    return Identified(np.array(young), time, recorded, fitted)
+
+
+def run(out: Path) -> Identified:
+    """Write identify.png to `out`."""
+    from matplotlib.figure import Figure
+
+    out.mkdir(parents=True, exist_ok=True)
+    found = identify()
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for name, record, curve in zip(("lower", "upper"), found.recorded.T, found.fitted.T, strict=True):
+        (points,) = left.plot(found.time, 1e3 * record, ".", markersize=2, label=f"{name}, recorded")
+        left.plot(found.time, 1e3 * curve, color=points.get_color(), label=f"{name}, fitted")
+    left.set(xlabel="time [s]", ylabel="way of the ball [mm]")
+    left.legend()
+    for name, row in zip(LAYERS, (found.young / TRUE).T, strict=True):
+        right.semilogy(row, "o-", label=name)
+    right.axhline(1, color="k", linewidth=0.8)
+    right.set(xlabel="builds", ylabel="Young's modulus / the true one")
+    right.set_xticks(range(len(found.young)))
+    right.legend()
+    figure.savefig(out / "identify.png", dpi=110)
+    return found
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder of identify.png")
+    result = run(parser.parse_args().out)
+    for number, (base, top) in enumerate(result.young):
+        print(f"{number} fits: base {base:.4g} Pa, top {top:.4g} Pa; true ones {TRUE[0]:.4g}, {TRUE[1]:.4g}")
+    print(f"errors: base {result.error[0]:.2%}, top {result.error[1]:.2%}")
