@@ -41,7 +41,8 @@ class SoftEntity(composer.Entity):
     """A soft body; free, or with pieces that are `Fixed` where it is attached.
 
     What `initialize_episode` draws is given to the constructor as numbers, as `variation.Variation` or not at all:
-    stiffness, a factor of all moduli, or one by material in a mapping, as `mf.scale` takes them; damping, two factors; position [m] and quaternion.
+    stiffness, a factor of all moduli, or one by material in a mapping, as `mf.scale` takes them; damping, two factors;
+    position [m] and quaternion.
     """
 
     def _build(
