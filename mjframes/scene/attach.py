@@ -85,7 +85,7 @@ def attach(
     own = mujoco.MjSpec()
     own.activate_plugin(plugin.NAME)
     instance = own.add_plugin(name=instance_name(name)[1:], plugin_name=plugin.NAME, active=True)
-    inner = own.worldbody.add_body(name=instance.name, pos=place.pos, quat=place.quat)
+    inner = own.worldbody.add_body(name=instance.name)
     bodies = _add_bodies(inner, carried, place.bodies, name)
     rank = _ranks(bodies, place)
     patches = ordered_patches(body, carried, rank) if contact else []
@@ -99,7 +99,7 @@ def attach(
     add_scaling(own, local, body.deformable)
     own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
     try:
-        place.holder.add_frame().attach_body(inner, prefix, "")
+        place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
     inner.name = name  # of one letter it has a separator behind it
