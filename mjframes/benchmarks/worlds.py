@@ -2,8 +2,9 @@
 
 The steak of three frames lies on the edge of a box, each world with a stiffness of its own, stepped by `mujoco.batch`:
 world-steps a second, beside one world stepped alone; whether each world is the single run of its stiffness, bit by bit;
-memory, beside the same bodies without the plugin with as many contacts. Then the report's steak, pulled, beside
-MuJoCo's flex of quadratic cells, as many as it takes to be as exact.
+memory, beside the same bodies without the plugin with as many contacts. Then the task of lifting the steak beside what
+others published of theirs; and the report's steak, pulled, beside MuJoCo's flex of quadratic cells, as many as it takes
+to be as exact.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import copy
 import csv
 import gc
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -54,12 +56,24 @@ COMPARED, COMPARED_STEPS = 1000, 20  # worlds whose bits are compared, and for h
 HELD = 1000  # mjDatas, or worlds, whose memory is measured
 FLEX_WORLDS, FLEX_LEAST = 64, 500
 
+LIFT_WORLDS, LIFT_ACTIONS = 64, 25
+
+# env-steps/s of Isaac-Lift-Soft-Franka, in which a Franka lifts a soft block of one material, as measured by others:
+# https://github.com/newton-physics/newton/issues/4141 (3 September 2026)
+PUBLISHED = (
+    ("Franka and block, Isaac Lab 3.0 with PhysX", 1024, "RTX 5090", 18_622),
+    ("Franka and block, Isaac Lab 3.0 with Newton's MJWarp and VBD", 4096, "RTX 5090", 11_808),
+)
+
 RATE_NOTE = """\
 × threads: world-steps a second over those of one world stepped alone, times the threads; by wall time, and by the time
 that processors spend on it, which a busy machine does not change."""
 MEMORY_NOTE = f"""\
 Growth of the resident size by {HELD} of them after some steps with contacts, in a process of their own.
 "{BARE}": the same bodies without the plugin, with as many contacts: MuJoCo's own."""
+LIFT_NOTE = """\
+Jaco and steak: mjframes.envs.LiftSteakVector, random actions of 40 ms, steps of the scene within.  Franka and block: a
+task of another robot and body, https://github.com/newton-physics/newton/issues/4141; the machines are not alike."""
 FLEX_NOTE = "Each in the coarsest way that is as exact as the frames; steps of 2 ms, no contact, from rest."
 
 
@@ -115,6 +129,9 @@ def main(mujoco4: str | None) -> None:
     rows += [("alone", r.worlds, r.threads, "processor", r.alone_processor, "1/s") for r in rates]
     rows += [("differ", COMPARED, threads, "", count, "1") for threads, count in zip(THREADS, different, strict=True)]
     rows += [("memory", HELD, "", f"{name}, {way}", size, "byte") for (name, way), size in memories.items()]
+    lifts = list(measure_lift(THREADS))
+    show(console, lift_table(lifts), LIFT_NOTE)
+    rows += [("lift", LIFT_WORLDS, threads, "wall", rate, "1/s") for threads, rate in zip(THREADS, lifts, strict=False)]
     if mujoco4:
         beside = measure_flex(pulled_steak(STEAK), mujoco4)
         show(console, flex_table(beside), FLEX_NOTE)
@@ -221,6 +238,27 @@ def _resident() -> int:
     return pages * 4096
 
 
+def measure_lift(threads: Sequence[int]) -> Iterator[float]:
+    """Yield env-steps a second of the steak that is lifted, with random actions, on so many threads.
+
+    Yield nothing where Gymnasium or dm_control is missing, or dm_control does not work with this MuJoCo.
+    """
+    try:
+        from mjframes.envs.lift_steak import LiftSteakVector
+    except (ImportError, MjframesError):
+        return
+    for some in threads:
+        worlds = LiftSteakVector(LIFT_WORLDS, some)
+        worlds.reset(seed=0)
+        worlds.action_space.seed(0)
+        actions = [worlds.action_space.sample() for _ in range(1 + LIFT_ACTIONS)]
+        worlds.step(actions[0])
+        start = time.perf_counter()
+        for action in actions[1:]:
+            worlds.step(action)
+        yield LIFT_WORLDS * LIFT_ACTIONS / (time.perf_counter() - start)
+
+
 @dataclass(frozen=True)
 class Beside:
     """One way to make the pulled steak.
@@ -283,6 +321,16 @@ def memory_table(memories: dict[tuple[str, str], float]) -> Table:
     for way in dict.fromkeys(way for _, way in memories):
         own, bare = memories[OURS, way] / 1e3, memories[BARE, way] / 1e3
         table.add_row(way, f"{own:.1f}", f"{bare:.1f}", f"{own - bare:.1f}")
+    return table
+
+
+def lift_table(rates: Sequence[float]) -> Table:
+    """Return one row for each number of threads, and what others published."""
+    table = table_of("Lifting a soft body", "worlds", "machine", "env-steps/s")
+    for threads, rate in zip(THREADS, rates, strict=False):
+        table.add_row("Jaco and steak", f"{LIFT_WORLDS:,}", f"this one, threads: {threads}", f"{rate:,.0f}")
+    for name, worlds, machine_name, rate in PUBLISHED:
+        table.add_row(name, f"{worlds:,}", machine_name, f"{rate:,}")
     return table
 
 
