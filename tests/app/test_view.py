@@ -270,6 +270,26 @@ def test_everything_is_on_the_page_and_follows_its_body() -> None:
 
 
 @needs_viser
+def test_sliders_of_actuators_follow_a_reset() -> None:
+    lift = '<actuator><general joint="up" ctrlrange="-1 2"/></actuator>'
+    moved = ROOM.replace("<keyframe>", f"{lift}<keyframe>")
+    moved = moved.replace("<freejoint/>", '<joint name="up" type="slide" axis="0 0 1"/>')
+    moved = moved.replace('qpos="0 0 3 1 0 0 0"', 'qpos="3" ctrl="1.5"')
+    with page(mujoco.MjModel.from_xml_string(moved), port=0) as shown:
+        slider, data = shown.controls.actuators[0], shown.simulation.data
+        assert (slider.min, slider.max, slider.value) == (-1, 2, 0)
+        shown.controls.do("step")
+        assert shown.simulation.paused
+        assert data.time == pytest.approx(0.002)
+        shown.simulation.reset(0)
+        assert data.ctrl[0] == 1.5
+        slider.value = 1.0
+        shown.controls.do("reset")
+        assert slider.value == data.ctrl[0] == 0
+        assert data.time == 0
+
+
+@needs_viser
 def test_a_port_that_is_taken_ends_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene.xml").write_text(ROOM)
     with socket.create_server(("127.0.0.1", 0)) as taken:
