@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from viser import GuiUplotHandle, ViserServer
+from viser import GuiSliderHandle, GuiUplotHandle, ViserServer
 
 from mjframes.app.view.cameras import View, aim, views
 from mjframes.app.view.simulation import Simulation
@@ -27,6 +27,7 @@ class Controls:
     """The panel.
 
     What is asked for is put into `commands`, to be done between two steps: viser calls back from threads of its own.
+    actuators: the sliders of those that have a range, by number.
     """
 
     def __init__(self, server: ViserServer, simulation: Simulation, commands: Commands) -> None:
@@ -37,14 +38,14 @@ class Controls:
         gui.main_panel.dock_right()
         self._status = gui.add_markdown("")
         self._keyframe = self._add_keyframes()
-        self._on(gui.add_button_group("time", ("run", "pause", "step", "reset")), self._do)
+        self._on(gui.add_button_group("time", ("run", "pause", "step", "reset")), self.do)
         speed = gui.add_slider("speed", 0.05, 2.0, 0.05, simulation.speed, hint="Simulated time per time.")
         self._on(speed, simulation.set_speed)
         self._cameras = views(simulation.model, simulation.data)
         self._camera = gui.add_dropdown("camera", tuple(self._cameras))
         self._camera.on_update(self._look)
         self._add_materials()
-        self._add_actuators()
+        self.actuators = self._add_actuators()
         self._energy = self._plot("energy [J]", ["kinetic", "potential", "elastic", "total"])
         curves = [*(f"on {name}" for name in simulation.bodies), "others"]
         self._forces = self._plot("contact force [N]", curves)
@@ -61,6 +62,8 @@ class Controls:
         if now - self._begun[0] > PACE:
             self._factor = max(0.0, then - self._begun[1]) / (now - self._begun[0])
             self._begun = now, then
+        if simulation.diverged:
+            self._follow()
         self._status.content = _status(simulation, self._factor)
         past = list(simulation.past)
         if len(past) > 1:
@@ -90,16 +93,22 @@ class Controls:
         if event.client is not None:
             aim(event.client.camera, self.view())
 
-    def _do(self, what: str) -> None:
-        """Do what a button of the row "time" says."""
+    def do(self, what: str) -> None:
+        """Do what a button of the row "time" says: run, pause, step, reset."""
         simulation = self._simulation
         if what == "reset":
             simulation.reset(self._keyframe())
+            self._follow()
             return
         simulation.paused = what != "run"
         simulation.diverged = False
         if what == "step":
             simulation.step()
+
+    def _follow(self) -> None:
+        """Show what the actuators are set to where that is not the sliders' doing."""
+        for k, slider in self.actuators.items():
+            slider.value = float(np.clip(self._simulation.data.ctrl[k], slider.min, slider.max))
 
     def _add_keyframes(self) -> Callable[[], int | None]:
         """A choice of what to go back to, where there are keyframes; return what gives the chosen one."""
@@ -149,18 +158,20 @@ class Controls:
 
         self._on(slider, changed)
 
-    def _add_actuators(self) -> None:
+    def _add_actuators(self) -> dict[int, GuiSliderHandle[float]]:
         model, data = self._simulation.model, self._simulation.data
         ranged = [k for k in range(model.nu) if model.actuator_ctrllimited[k]]
+        sliders: dict[int, GuiSliderHandle[float]] = {}
         if not ranged:
-            return
+            return sliders
         with self._server.gui.add_folder("Actuators"):
             for k in ranged:
                 low, high = model.actuator_ctrlrange[k].tolist()
                 value = float(np.clip(data.ctrl[k], low, high))
                 label = model.actuator(k).name or f"actuator {k}"
-                slider = self._server.gui.add_slider(label, low, high, (high - low) / 200, value)
-                self._on(slider, lambda value, k=k: data.ctrl.__setitem__(k, value))
+                sliders[k] = self._server.gui.add_slider(label, low, high, (high - low) / 200, value)
+                self._on(sliders[k], lambda value, k=k: data.ctrl.__setitem__(k, value))
+        return sliders
 
     def _plot(self, title: str, names: list[str]) -> GuiUplotHandle:
         lines = [{"label": name, "stroke": COLORS[k % len(COLORS)], "width": 1.5} for k, name in enumerate(names)]

@@ -113,5 +113,5 @@ class Simulation:
 
 
 def _handy(weight: float, extent: float) -> float:
-    """Return the stiffness [N/m] by which a twentieth of the scene's extent holds what weighs so much [N]."""
-    return max(1.0, float(weight)) / (0.05 * extent)
+    """Return the stiffness [N/m], rounded, by which a twentieth of the scene's extent holds what weighs so much [N]."""
+    return float(f"{max(1.0, weight) / (0.05 * extent):.2g}")
