@@ -20,6 +20,7 @@ myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 html_theme = "pydata_sphinx_theme"
 html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "show_prev_next": True}
+html_sidebars = {"**": []}  # all pages are in the head
 html_show_copyright = False
 html_math_renderer = "mathml"
 autodoc_member_order = "bysource"
@@ -52,9 +53,9 @@ def write_inline(translator: Any, node: nodes.math) -> None:
 
 
 def write_block(translator: Any, node: nodes.math_block) -> None:
-    """Write formulas in lines of their own, each with its number where it has one."""
-    number = f'<span class="eqno">{node["number"]}</span>' if node.get("number") else ""
-    translator.body.append(f'<div class="math">{number}{tex2mathml(node.astext(), as_block=True)}</div>')
+    """Write a formula in a line of its own."""
+    formula = tex2mathml(node.astext(), as_block=True)
+    translator.body.append(f'<div style="margin: 1.2em 0; padding: .4em; overflow-x: auto">{formula}</div>')
     raise nodes.SkipNode
 
 

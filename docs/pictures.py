@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import mjframes as mf
-from examples import elbow, grasp, kernels, knee, modes, steak
+from examples import elbow, fingertips, grasp, kernels, knee, modes, steak
 
 ROOT = Path(__file__).parents[1]
 SIZE = (640, 360)
@@ -27,7 +27,7 @@ def draw(folder: Path) -> None:
         return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts):
+    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold):
         film(folder)
     modes.run(folder)
     kernels.run(folder)
@@ -35,8 +35,8 @@ def draw(folder: Path) -> None:
         ROOT / "tests" / "goldens" / "rat.png"
     ) as rat:  # its film takes minutes; the left half is the picture
         rat.crop((0, 0, rat.width // 2, rat.height)).save(folder / "rat.png")
-    shutil.copy(ROOT / "models" / "steak.jpg", folder / "steak_strip.jpg")
-    shutil.copy(ROOT / "models" / "report_time.png", folder)
+    for name in ("steak.webp", "report_time.png"):
+        shutil.copy(ROOT / "models" / name, folder)
     stamp.write_text("what these pictures were drawn from has this digest\n")
 
 
@@ -113,3 +113,9 @@ def gripper_lifts(folder: Path) -> None:
                 data.actuator("lift").ctrl[0] = grasp.HEIGHT * rise
                 mujoco.mj_step(model, data)
             add(data)
+
+
+def fingertips_hold(folder: Path) -> None:
+    model, peach = fingertips.hand_and_peach()
+    with filmed(model, folder / "fingertips.mp4", "front") as add:
+        fingertips.grip(model, peach, grasp.every(1 / FPS, add))
