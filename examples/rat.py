@@ -22,7 +22,7 @@ from mjframes.dm.rodent import clothe, rodent
 
 Array = NDArray[np.float64]
 
-GROUND = -0.045  # [m] height of the floor, to look at: the slide carries the rat
+GROUND = -0.095  # [m] height of the floor, to look at: the slide carries the rat, and its tail hangs
 BELLY = (-0.01, 0.0, 0.024)  # [m] a material point halfway between ribs and pelvis, near the skin
 DURATION, BEAT, SHAKE = 3.0, 4.0, 0.008  # [s], [Hz], [m] by which the torso goes up and down
 GAIT = {"hip_L_extend": 0.5, "hip_R_extend": -0.5, "shoulder_L": -0.5, "shoulder_R": 0.5, "lumbar_bend": 0.15}

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 VOXELS, FREE = 60_000, 11
 FUR = (0.75, 0.66, 0.6, 1)
-# relaxed muscle and fat have 2 to 3 kPa in vivo, and what fills a belly, of which most is fluid, is slacker
+# relaxed muscle and fat have 2 to 3 kPa by magnetic resonance elastography; guts, of which much is fluid, are slacker
 FLESH = Material(young=2.5e3, poisson=0.45, density=1000, name="flesh", rgba=FUR)
 GUTS = Material(young=7e2, poisson=0.45, density=1000, name="guts", rgba=FUR)
 GUTS_MIDDLE, GUTS_SIZE = (-0.006, 0.0, 0.044), (0.034, 0.032, 0.026)  # [m] between ribs and pelvis, under the spine
@@ -85,6 +85,8 @@ def skin_volume(model: mujoco.MjModel, data: mujoco.MjData) -> Volume:
         volume = Volume.from_meshes([(skin, FLESH)], voxels=VOXELS)
     everywhere = volume.origin + (np.moveaxis(np.indices(volume.labels.shape), 0, -1) + 0.5) * volume.spacing
     inside = volume.labels > 0
+    thin = inside & ~np.asarray(ndimage.binary_opening(inside, np.ones((2, 2, 2), bool)), bool)
+    inside |= np.asarray(ndimage.binary_dilation(thin), bool)  # a surface around single voxels has holes: the ears
     for link in SOLID:
         inside |= _inside(model, data, link, 1.0, everywhere)
     for link in FOLDED:
