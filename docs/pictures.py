@@ -32,7 +32,7 @@ def draw(folder: Path) -> None:
     modes.run(folder)
     kernels.run(folder)
     with Image.open(
-        ROOT / "tests" / "goldens" / "rat.png"
+        ROOT / "tests" / "goldens" / "running_rat.png"
     ) as rat:  # its film takes minutes; the left half is the picture
         rat.crop((0, 0, rat.width // 2, rat.height)).save(folder / "rat.png")
     for name in ("steak.webp", "report_time.png"):
