@@ -55,7 +55,6 @@ ROUNDS = 3  # of which the median is taken
 COMPARED, COMPARED_STEPS = 1000, 20  # worlds whose bits are compared, and for how many steps
 HELD = 1000  # mjDatas, or worlds, whose memory is measured
 FLEX_WORLDS, FLEX_LEAST = 64, 500
-
 LIFT_WORLDS, LIFT_ACTIONS = 64, 25
 
 # env-steps/s of Isaac-Lift-Soft-Franka, in which a Franka lifts a soft block of one material, as measured by others:
