@@ -75,7 +75,7 @@ $(VENV)/installed: pyproject.toml | $(VENV)/bin/pip
 	touch $@
 
 $(VENV)/installed-lint: $(VENV)/installed
-	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,dev]" mujoco==$(MUJOCO)
+	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,dev,docs,wheels]" mujoco==$(MUJOCO)
 	touch $@
 
 $(VENV)/installed-wheels $(VENV)/installed-docs: $(VENV)/installed-%: $(VENV)/installed

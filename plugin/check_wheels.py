@@ -16,13 +16,17 @@ import sys
 import tempfile
 import time
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from elftools.elf.dynamic import DynamicSection
 from elftools.elf.elffile import ELFFile
 from elftools.elf.gnuversions import GNUVerNeedSection
-from elftools.elf.sections import SymbolTableSection
+from elftools.elf.sections import Section, Symbol, SymbolTableSection
 from wheels import BUILD, GLIBC, PROCESSORS, ROOT, compiler, supported_releases, unpacked
+
+Kind = TypeVar("Kind", bound=Section)
 
 MACHINES = {"x86_64": "EM_X86_64", "aarch64": "EM_AARCH64"}
 SYSTEM = {"libc.so.6", "libm.so.6", "libdl.so.2", "libpthread.so.0", "ld-linux-x86-64.so.2", "ld-linux-aarch64.so.1"}
@@ -106,7 +110,8 @@ def examined(library: Path, release: str, processor: str) -> str:
     with library.open("rb") as file:
         elf = ELFFile(file)
         expect(elf["e_machine"] == MACHINES[processor], f"{library} is for {elf['e_machine']}, not {processor}")
-        needed = {tag.needed for part in sections(elf, DynamicSection) for tag in part.iter_tags("DT_NEEDED")}
+        tags = [tag for part in sections(elf, DynamicSection) for tag in part.iter_tags("DT_NEEDED")]
+        needed = {tag.needed for tag in tags}  # pyright: ignore[reportAttributeAccessIssue]  (made from the file)
         foreign = needed - SYSTEM - {f"libmujoco.so.{release}"}
         expect(not foreign, f"{library} needs {foreign}; a wheel may need glibc and libmujoco only")
         versions = [
@@ -130,15 +135,15 @@ def examined(library: Path, release: str, processor: str) -> str:
     return newest
 
 
-def unpacked_library(release: str, processor: str):
+def unpacked_library(release: str, processor: str) -> Iterator[Path]:
     return unpacked(release, processor).glob("libmujoco.so.*")
 
 
-def sections(elf: ELFFile, kind: type):
+def sections(elf: ELFFile, kind: type[Kind]) -> list[Kind]:
     return [section for section in elf.iter_sections() if isinstance(section, kind)]
 
 
-def dynamic_symbols(elf: ELFFile):
+def dynamic_symbols(elf: ELFFile) -> list[Symbol]:
     return [symbol for table in sections(elf, SymbolTableSection) for symbol in table.iter_symbols()]
 
 

@@ -64,7 +64,7 @@ def allowed_releases(answer: str, requirement: Requirement) -> list[Version]:
     return sorted(requirement.specifier.filter(map(Version, listed[1].split(", "))))
 
 
-def unpacked(release: Version, processor: str) -> Path:
+def unpacked(release: Version | str, processor: str) -> Path:
     """Return the directory of MuJoCo's package, with `include` and libmujoco, fetched from PyPI the first time."""
     folder = BUILD / f"mujoco-{release}-{processor}"
     if not list(folder.glob("mujoco/libmujoco.so.*")):
