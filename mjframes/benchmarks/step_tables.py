@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -13,6 +14,9 @@ from mjframes.base.files import replacing
 from mjframes.benchmarks.profile import PARTS
 from mjframes.benchmarks.step_scenes import BARE, OURS, SCENES, TIMESTEP
 from mjframes.benchmarks.steps import CONTACTS, Speed, growth, of, over_bare
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 STEAK, BEAM = "steak", "beam"
 FEW, MANY = (3, 20), (20, 160)  # numbers of frames between which growth is told
@@ -131,12 +135,22 @@ def draw_steps(speeds: Sequence[Speed], path: str | os.PathLike[str]) -> None:
     """
     try:
         from matplotlib.figure import Figure
-        from matplotlib.ticker import ScalarFormatter
     except ImportError as error:
         raise MjframesError('a plot needs matplotlib, which is not installed; pip install "mjframes[plot]".') from error
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
-    right.set_visible(bool(of(speeds, body=BEAM)))
+    widths = (3, 2) if of(speeds, body=BEAM) else (3,)
+    figure = Figure(figsize=(2 * sum(widths), 4), layout="constrained")
+    panels = figure.subplots(1, len(widths), sharey=True, width_ratios=widths, squeeze=False)[0]
+    _draw_steak(panels[0], speeds)
+    if len(panels) > 1:
+        _draw_beam(panels[1], speeds)
+    with replacing(path, "the plot") as partial:
+        figure.savefig(Path(partial), dpi=RESOLUTION, format="png")
+
+
+def _draw_steak(left: Axes, speeds: Sequence[Speed]) -> None:
+    """Lines over frames, of the soft body and of its bodies alone."""
+    from matplotlib.ticker import ScalarFormatter
+
     for scene, color in COLORS.items():
         for contender, line in ((OURS, "o-"), (BARE, "--")):
             some = of(speeds, body=STEAK, scene=scene, contender=contender)
@@ -148,7 +162,12 @@ def draw_steps(speeds: Sequence[Speed], path: str | os.PathLike[str]) -> None:
     left.set_xticks(counts, labels=[str(count) for count in counts], minor=False)
     left.xaxis.set_minor_formatter("")
     left.yaxis.set_major_formatter(ScalarFormatter())
+    left.grid(alpha=0.3, axis="y")
     left.legend()
+
+
+def _draw_beam(right: Axes, speeds: Sequence[Speed]) -> None:
+    """Bars, a group a scene."""
     width = 0.8 / len(CONTENDERS)
     for number, (contender, color) in enumerate(CONTENDERS.items()):
         for place, scene in enumerate(SCENES):
@@ -158,11 +177,8 @@ def draw_steps(speeds: Sequence[Speed], path: str | os.PathLike[str]) -> None:
             right.bar(place + (number - 1.5) * width, height, width, color=color, label=label)
     right.set_xticks(range(len(SCENES)), labels=list(SCENES))
     right.set(title="beam, 3 frames, beside flex")
+    right.grid(alpha=0.3, axis="y")
     right.legend()
-    for axes in (left, right):
-        axes.grid(alpha=0.3, axis="y")
-    with replacing(path, "the plot") as partial:
-        figure.savefig(Path(partial), dpi=RESOLUTION, format="png")
 
 
 def table_of(title: str, *columns: str) -> Table:
