@@ -128,7 +128,7 @@ class LiftSteakVector(VectorEnv):
         if render_mode is not None:
             raise MjframesError(f"render_mode is {render_mode!r}; many worlds are not drawn, make one LiftSteak.")
         model, self._at = _compiled()
-        self.batch = Batch(model, num_envs, threads)
+        self.batch: Any = Batch(model, num_envs, threads)  # its fields are found by name
         for name in ("qpos", "qvel", "sensordata", "qfrc_constraint", "site_xpos", "site_xmat"):
             self.batch.bind(name)
         self.num_envs, self.render_mode = num_envs, None

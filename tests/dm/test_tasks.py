@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("dm_control")
 
+import mujoco
 import numpy as np
 
 from mjframes import dm
@@ -27,8 +30,6 @@ def test_tasks_have_names_and_tags() -> None:
 
 
 def test_the_steak_is_the_models() -> None:
-    from pathlib import Path
-
     from mjframes.dm import lift
 
     models = Path(__file__).parents[2] / "models"
@@ -44,8 +45,6 @@ def test_observations_of_the_task_are_gymnasiums() -> None:
     world.reset(seed=0)
     world.data.qpos[:] = environment.physics.data.qpos
     world.model.numeric_data[:] = environment.physics.model.ptr.numeric_data
-    import mujoco
-
     mujoco.mj_forward(world.model, world.data)
     random = np.random.default_rng(0)
     for _ in range(5):
@@ -71,6 +70,18 @@ def test_pictures_show_the_steak() -> None:
 def test_random_episodes_neither_warn_nor_fail(task: str, steps: int) -> None:
     found = tried(task, episodes=3, seed=1, most_steps=steps)
     assert (found.steps, found.warnings, found.infinite, found.unfinished) == (3 * steps, (), 0, 0)
+
+
+def test_pymjcf_gets_bodies_where_their_frames_were() -> None:
+    from mjframes.dm.run import _without_frames
+
+    xml = """<mujoco><worldbody><body name="link" pos="1 0 0"><geom size="1"/>
+        <frame pos="0 2 0" quat="0 1 0 0"><body name="meat"><geom size="1"/></body></frame>
+        </body></worldbody></mujoco>"""
+    before, after = (mujoco.MjModel.from_xml_string(some) for some in (xml, _without_frames(xml)))
+    assert "<frame" not in _without_frames(xml)
+    np.testing.assert_array_equal(after.body_pos, before.body_pos)
+    np.testing.assert_array_equal(after.body_quat, before.body_quat)
 
 
 def test_an_episode_ends_after_ten_seconds_and_rewards_the_height() -> None:
