@@ -68,7 +68,7 @@ Bounds BoundsOf(const mjData* d, int row) {
 // The rows of one island, in whole groups: entries that fill a group up have D = 0.
 struct Problem {
   int size;
-  const double *A, *D, *jar0;  // (size × size), (size)
+  const double *D, *jar0;  // (size)
   const Bounds* bounds;
 
   double Force(int i, double jar) const { return std::clamp(-D[i] * jar, bounds[i].least, bounds[i].largest); }
@@ -76,24 +76,6 @@ struct Problem {
     return D[i] > 0 && -D[i] * jar > bounds[i].least && -D[i] * jar < bounds[i].largest;
   }
 };
-
-// g for the rows that are free now, of number `count`, the others at their bounds. False where that fails.
-bool SolveFree(const Problem& problem, const int* free, int count, double* matrix, double* right, double* g) {
-  const int n = problem.size;
-  for (int a = 0; a < count; a++) {
-    const double* row = problem.A + static_cast<size_t>(free[a]) * n;
-    for (int b = 0; b <= a; b++) matrix[a * count + b] = row[free[b]];
-    matrix[a * count + a] += 1 / problem.D[free[a]];
-    g[free[a]] = 0;
-  }
-  for (int a = 0; a < count; a++) {
-    right[a] = -problem.jar0[free[a]] - mju_dot(problem.A + static_cast<size_t>(free[a]) * n, g, n);
-  }
-  if (mju_cholFactor(matrix, count, mjMINVAL) != count) return false;
-  mju_cholSolve(right, matrix, right, count);
-  for (int a = 0; a < count; a++) g[free[a]] = right[a];
-  return true;
-}
 
 // The step along p, q = A p, at most 1, at which the cost is least: where its slope Σ_i q_i (g_i + α p_i − f_i) is
 // zero.
@@ -122,10 +104,13 @@ double LineSearch(const Problem& problem, const double* g, const double* jar, co
 
 // half += Y force
 void AddForces(const RowGroup& group, const Lanes& force, double* half) {
-  for (int k = 0; k < group.size; k++) {
-    const Lanes part = force * Load(group.y + kLanes * k);
-    half[group.dof[k]] += (part[0] + part[1]) + (part[2] + part[3]);
-  }
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    const Lanes some = force;
+    for (int k = 0; k < group.size; k++) {
+      const Lanes part = some * Load(group.y + kLanes * k);
+      half[group.dof[k]] += (part[0] + part[1]) + (part[2] + part[3]);
+    }
+  });
 }
 
 // Constraint rows that hang together, and their degrees of freedom.
@@ -191,12 +176,81 @@ bool IsSolved(const mjModel* m, const mjData* d, const Island& island, const Row
   return island.scale * std::sqrt(gradient) < m->opt.tolerance;
 }
 
+// The groups of an island, and A = Yᵀ Y of those that were asked for.
+struct IslandGroups {
+  const mjModel* m;
+  const RowGroup* group;
+  const int* member;
+  int count;
+  double* A;     // (kLanes count)²
+  char* known;   // which of its blocks     (count × count)
+  double* work;  // (nv)
+
+  const RowGroup& operator[](int i) const { return group[member[i]]; }
+
+  // work = Y g
+  void Spread(const Island& island, const double* g) const {
+    for (int k = 0; k < island.dofs; k++) work[island.Dof(k)] = 0;
+    for (int i = 0; i < count; i++) AddForces((*this)[i], Load(g + kLanes * i), work);
+  }
+
+  // out = offset + Yᵀ vector
+  void Gather(const double* vector, const double* offset, double* out) const {
+    for (int i = 0; i < count; i++) {
+      Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+        const RowGroup& one = (*this)[i];
+        Lanes sum = Load(offset + kLanes * i);
+        for (int k = 0; k < one.size; k++) sum += vector[one.dof[k]] * Load(one.y + kLanes * k);
+        Store(sum, out + kLanes * i);
+      });
+    }
+  }
+
+  // Row i of A up to its own group, where columns of the groups of these entries are right.
+  const double* Row(int i, const int* entry, int entries) const {
+    const int one = i / kLanes, n = kLanes * count;
+    for (int e = 0; e < entries; e++) {
+      const int other = entry[e] / kLanes;
+      char& is_known = known[one * count + other];
+      if (is_known) continue;
+      is_known = 1;
+      Lanes block[kLanes];
+      MultiplyGroups(m, (*this)[one], (*this)[other], block);
+      for (int r = 0; r < kLanes; r++) Store(block[r], A + static_cast<size_t>(kLanes * one + r) * n + kLanes * other);
+    }
+    return A + static_cast<size_t>(i) * n;
+  }
+};
+
+// g for the rows that are free now, `count` of them, where the others stay as they are in g. False where that fails.
+bool SolveFree(const Problem& problem, const Island& island, const IslandGroups& groups, const int* free, int count,
+               double* matrix, double* right, double* g) {
+  for (int a = 0; a < count; a++) {
+    const double* row = groups.Row(free[a], free, a + 1);
+    for (int b = 0; b <= a; b++) matrix[a * count + b] = row[free[b]];
+    matrix[a * count + a] += 1 / problem.D[free[a]];
+    g[free[a]] = 0;
+  }
+  const double* start = problem.jar0;
+  if (std::any_of(g, g + problem.size, [](double force) { return force != 0; })) {  // friction losses
+    groups.Spread(island, g);
+    groups.Gather(groups.work, problem.jar0, right);
+    start = right;
+  }
+  for (int a = 0; a < count; a++) right[a] = -start[free[a]];
+  if (mju_cholFactor(matrix, count, mjMINVAL) != count) return false;
+  mju_cholSolve(right, matrix, right, count);
+  for (int a = 0; a < count; a++) g[free[a]] = right[a];
+  return true;
+}
+
 // Adds the forces of an island's rows, those of `members` of the groups, to `half`. False where they were not found.
-bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGroup* groups, const int* members,
-                 int count, double* half) {
+// work: memory (nv).
+bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGroup* group, const int* members,
+                 int count, double* half, double* work) {
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
-  if (n > kMostRows || !HasRoom(d, 2 * square + 16 * static_cast<size_t>(n))) return false;
+  if (n > kMostRows || !HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
   mj_markStack(d);
   double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, square);
   double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
@@ -204,29 +258,20 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
   double *p = mj_stackAllocNum(d, n), *q = mj_stackAllocNum(d, n), *right = mj_stackAllocNum(d, n);
   auto* bounds = static_cast<Bounds*>(mj_stackAllocByte(d, n * sizeof(Bounds), alignof(Bounds)));
   int *free = mj_stackAllocInt(d, n), *before = mj_stackAllocInt(d, n);
-  for (int one = 0; one < count; one++) {
-    const RowGroup& group = groups[members[one]];
-    Lanes block[kLanes], back[kLanes], start = {};
-    for (int other = 0; other <= one; other++) {
-      MultiplyGroups(m, group, groups[members[other]], block);
-      Transpose4(block[0], block[1], block[2], block[3], back);
-      for (int r = 0; r < kLanes; r++) {
-        Store(block[r], A + static_cast<size_t>(kLanes * one + r) * n + kLanes * other);
-        Store(back[r], A + static_cast<size_t>(kLanes * other + r) * n + kLanes * one);
-      }
-    }
-    for (int k = 0; k < group.size; k++) start += half[group.dof[k]] * Load(group.y + kLanes * k);
-    for (int r = 0; r < kLanes; r++) {
-      const int i = kLanes * one + r, row = group.row + r;
-      const bool there = r < group.rows;
-      D[i] = there ? d->efc_D[row] : 0;
-      jar0[i] = there ? start[r] - d->efc_aref[row] : 0;
-      bounds[i] = there ? BoundsOf(d, row) : Bounds{0, 0};
-      jar[i] = there ? d->efc_b[row] : 0;
-      g[i] = 0;
-    }
+  char* known = static_cast<char*>(mj_stackAllocByte(d, static_cast<size_t>(count) * count, 1));
+  std::fill_n(known, static_cast<size_t>(count) * count, 0);
+  const IslandGroups groups = {m, group, members, count, A, known, work};
+  for (int i = 0; i < n; i++) {
+    const int r = i % kLanes, row = groups[i / kLanes].row + r;
+    const bool there = r < groups[i / kLanes].rows;
+    D[i] = there ? d->efc_D[row] : 0;
+    right[i] = there ? -d->efc_aref[row] : 0;
+    bounds[i] = there ? BoundsOf(d, row) : Bounds{0, 0};
+    jar[i] = there ? d->efc_b[row] : 0;
+    g[i] = 0;
   }
-  const Problem problem = {n, A, D, jar0, bounds};
+  groups.Gather(half, right, jar0);
+  const Problem problem = {n, D, jar0, bounds};
   bool solved = false;
   for (int iteration = 0, size = 0, last = -1; iteration < kMostIterations; iteration++) {
     size = 0;
@@ -236,13 +281,15 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
       if (problem.IsFree(i, jar[i])) free[size++] = i;
     }
     solved = size == last && std::equal(free, free + size, before);
-    if (!solved && iteration > 0 && m->opt.solver == mjSOL_CG) {
-      mju_mulMatVec(q, A, p, n, n);
-      solved = 0.5 * island.scale * mju_dot(p, q, n) < m->opt.tolerance;
+    if (!solved && iteration > 0 && m->opt.solver == mjSOL_CG) {  // by its criterion
+      groups.Spread(island, p);
+      double gap = 0;
+      for (int k = 0; k < island.dofs; k++) gap += work[island.Dof(k)] * work[island.Dof(k)];
+      solved = 0.5 * island.scale * gap < m->opt.tolerance;
     }
-    if (solved || !SolveFree(problem, free, size, matrix, right, next)) break;
-    mju_mulMatVec(change, A, next, n, n);
-    mju_addTo(change, jar0, n);
+    if (solved || !SolveFree(problem, island, groups, free, size, matrix, right, next)) break;
+    groups.Spread(island, next);
+    groups.Gather(work, jar0, change);
     double step = 1;
     if (iteration > 0) {
       mju_sub(p, next, g, n);
@@ -260,7 +307,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
       mju_addToScl(jar, q, step, n);
     }
   }
-  for (int one = 0; one < count; one++) AddForces(groups[members[one]], Load(g + kLanes * one), half);
+  for (int i = 0; i < count; i++) AddForces(groups[i], Load(g + kLanes * i), half);
   mj_freeStack(d);
   return solved;
 }
@@ -296,7 +343,7 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
       if (island.HasRow(d, groups[i].row)) members[size++] = i;
     }
     if (IsSolved(m, d, island, groups, members, size, half, sqrt_inverse, left, work)) continue;
-    if (SolveIsland(m, d, island, groups, members, size, half)) WriteStart(m, d, island, half, sqrt_inverse);
+    if (SolveIsland(m, d, island, groups, members, size, half, work)) WriteStart(m, d, island, half, sqrt_inverse);
   }
 }
 
