@@ -9,6 +9,15 @@
 #include "impedance.h"
 #include "patch_field.h"
 
+#ifdef ADDRESS_SANITIZER
+// MuJoCo's headers then replace both by functions that its own library, built without the sanitizer, does not have.
+extern "C" void MarkStack(mjData* d) __asm__("mj_markStack");
+extern "C" void FreeStack(mjData* d) __asm__("mj_freeStack");
+#else
+inline void MarkStack(mjData* d) { mj_markStack(d); }
+inline void FreeStack(mjData* d) { mj_freeStack(d); }
+#endif
+
 namespace mjframes {
 namespace {
 
@@ -251,7 +260,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
   if (n > kMostRows || !HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
-  mj_markStack(d);
+  MarkStack(d);
   double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, square);
   double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
   double *g = mj_stackAllocNum(d, n), *next = mj_stackAllocNum(d, n), *change = mj_stackAllocNum(d, n);
@@ -308,7 +317,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
     }
   }
   for (int i = 0; i < count; i++) AddForces(groups[i], Load(g + kLanes * i), half);
-  mj_freeStack(d);
+  FreeStack(d);
   return solved;
 }
 
@@ -355,7 +364,7 @@ ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
 void ConstraintRows::Finish(const mjModel* m, mjData* d) {
   if (d->nefc == 0) return;
   inertia_.Start(m, d);
-  mj_markStack(d);
+  MarkStack(d);
   bool starts = Starts(m, d) && HasRoom(d, d->nefc * sizeof(RowGroup) / sizeof(mjtNum));
   RowGroup* groups = nullptr;
   if (starts) groups = static_cast<RowGroup*>(mj_stackAllocByte(d, d->nefc * sizeof(RowGroup), alignof(RowGroup)));
@@ -375,7 +384,7 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d) {
     }
   }
   if (starts && HasRoom(d, 4 * m->nv + count)) WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
-  mj_freeStack(d);
+  FreeStack(d);
 }
 
 }  // namespace mjframes
