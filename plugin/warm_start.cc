@@ -284,12 +284,17 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
   bool solved = false;
   for (int iteration = 0, size = 0, last = -1; iteration < kMostIterations; iteration++) {
     size = 0;
+    bool jumps = false;  // from one bound to the other
     for (int i = 0; i < n; i++) {
       next[i] = problem.Force(i, jar[i]);
       p[i] = g[i] - next[i];
-      if (problem.IsFree(i, jar[i])) free[size++] = i;
+      if (problem.IsFree(i, jar[i])) {
+        free[size++] = i;
+      } else {
+        jumps = jumps || p[i] != 0;
+      }
     }
-    solved = size == last && std::equal(free, free + size, before);
+    solved = !jumps && size == last && std::equal(free, free + size, before);
     if (!solved && iteration > 0 && m->opt.solver == mjSOL_CG) {  // by its criterion
       groups.Spread(island, p);
       double gap = 0;
