@@ -60,10 +60,13 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
 
 
 def _rounded(weights: sparse.csr_array) -> sparse.csr_array:
-    """The weights in `WEIGHT_DIGITS` decimals; the first of each row is what the others leave of 1."""
-    units = np.round(weights.data * 10**WEIGHT_DIGITS)
-    first = weights.indptr[:-1]
-    units[first] += 10**WEIGHT_DIGITS - np.add.reduceat(units, first)
+    """The weights in `WEIGHT_DIGITS` decimals: differences of the rounded running sum of a row, which ends with 1."""
+    first, last = weights.indptr[:-1], weights.indptr[1:] - 1
+    running = np.cumsum(weights.data)
+    running -= np.repeat((running - weights.data)[first], np.diff(weights.indptr))
+    running[last] = 1
+    units = np.round(running * 10**WEIGHT_DIGITS)
+    units[1:] -= np.where(np.isin(np.arange(1, len(units)), first), 0, units[:-1])
     rounded = sparse.csr_array((units / 10**WEIGHT_DIGITS, weights.indices, weights.indptr), weights.shape)
     rounded.eliminate_zeros()
     return rounded

@@ -27,7 +27,7 @@ EXPORT int respond(const char* name, const double* constants, int n, const doubl
   std::vector<int32_t> pair(10);
   for (int i = 0; i < 10; i++) pair[i] = i;
   const std::vector<QuadratureRegion> regions(
-      1, QuadratureRegion(*law, {0, 1, 2, 3}, gradient[0], &volume, &material, 1, pair));
+      1, QuadratureRegion(*law, {0, 1, 2, 3}, gradient[0], &volume, &material, 1, pair, {0}));
   QuadratureScratch scratch(regions);
   for (int i = 0; i < n; i++, F += 9) {
     Vec3 x[4], force[4] = {};
@@ -67,12 +67,13 @@ EXPORT double region(const char* name, const double* constants, const int32_t* c
   if (!law) return -1;
   std::vector<LawParameters> material;
   for (int i = 0; i < q; i++) material.push_back(ParametersOf(*law, constants + kLawConstants * constants_of[i]));
-  const std::vector<QuadratureRegion> regions(1, QuadratureRegion(*law, {point, point + m}, gradient, volume,
-                                                                  material.data(), q, {pair, pair + m * (m + 1) / 2}));
+  const std::vector<QuadratureRegion> regions(
+      1, QuadratureRegion(*law, {point, point + m}, gradient, volume, material.data(), q,
+                          {pair, pair + m * (m + 1) / 2}, std::vector<int32_t>(q, 0)));
   QuadratureScratch scratch(regions);
   const Vec3* positions = reinterpret_cast<const Vec3*>(x);
   AddQuadrature(regions, positions, &scratch, reinterpret_cast<Vec3*>(force), pair_stiffness);
-  return QuadratureEnergy(regions[0], positions, &scratch);
+  return QuadratureEnergy(regions, 0, positions, &scratch);
 }
 
 // F = U diag(σ) Vᵀ of n matrices, n a multiple of four.

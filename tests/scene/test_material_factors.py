@@ -158,7 +158,8 @@ def test_the_step_works_with_what_the_equations_say(law: str, method: str) -> No
     model = spec.compile()
     model.opt.gravity[:] = 0
     densities, seen = [], []
-    for factors in ({}, {"core": 0.3, "skin": 2.5}):
+    many: tuple[dict[int | str, float], ...] = ({}, {"core": 0.3, "skin": 2.5})
+    for factors in many:
         scale(model, "soft0", factors)
         data = turned_away(model)
         view = soft(model, data, "soft0")
