@@ -43,7 +43,10 @@ bool TouchesSoft(const mjModel* m, const mjData* d, int row) {
 void SmoothForce(const mjModel* m, mjData* d, double* force) {
   mju_zero(force, m->nv);
   mj_rne(m, d, 0, force);
-  const bool actuated = m->nu > 0 && !(mjcb_act_dyn || mjcb_act_gain || mjcb_act_bias);
+  // callbacks and plugins are called once a step, by MuJoCo
+  const bool own = mjcb_act_dyn || mjcb_act_gain || mjcb_act_bias ||
+                   std::any_of(m->actuator_plugin, m->actuator_plugin + m->nu, [](int plugin) { return plugin >= 0; });
+  const bool actuated = m->nu > 0 && !own;
   if (actuated) mj_fwdActuation(m, d);
   for (int k = 0; k < m->nv; k++) {
     force[k] = d->qfrc_passive[k] - force[k] + d->qfrc_applied[k] + (actuated ? d->qfrc_actuator[k] : 0);
