@@ -24,6 +24,7 @@ from mjframes.benchmarks.report.equilibrium import release, seconds_per_step, se
 from mjframes.body.build import build
 from mjframes.body.options import Paper
 from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.shares import factor_of
 from mjframes.frames.supports import Fixed
 from mjframes.kinematics.control import control_weights
 from mjframes.scene.attach import attach
@@ -228,8 +229,12 @@ def averaged_body(case: Case, setting: Setting) -> tuple[SoftBody, float]:
     labels = (case.volume.labels > 0).astype(np.uint8)
     body, seconds = built(case, replace(case.volume, labels=labels, materials={1: even}), setting)
     region = body.fields.region
-    mean = np.bincount(region, grid.young) / np.bincount(region)
+    factor = factor_of(grid.table)[grid.material]
+    part = np.array([np.bincount(region, grid.young * (factor == m)) for m in range(factor.max() + 1)])
+    part = (part / np.bincount(region)).T  # (regions, materials)
     stiffness = replace(
-        body.stiffness, matrix=tuple(e * matrix for e, matrix in zip(mean, body.stiffness.matrix, strict=True))
+        body.stiffness,
+        matrix=tuple(e.sum() * matrix for e, matrix in zip(part, body.stiffness.matrix, strict=True)),
+        shares=tuple(e[:-1, None, None] * matrix for e, matrix in zip(part, body.stiffness.matrix, strict=True)),
     )
     return replace(body, stiffness=stiffness, fields=replace(body.fields, volume=case.volume)), seconds
