@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -308,11 +309,17 @@ def test_a_port_that_is_taken_ends_in_one_sentence(tmp_path: Path, capsys: pytes
 def test_a_page_ends_with_an_interrupt(tmp_path: Path) -> None:
     (tmp_path / "scene.xml").write_text(ROOM)
     command = [sys.executable, "-m", "mjframes", "view", str(tmp_path / "scene.xml"), "--web", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
-        assert served.stdout is not None
-        assert "open http://127.0.0.1:" in served.stdout.readline()
-        served.send_signal(signal.SIGINT)
-        rest, complaints = served.communicate(timeout=50)
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell's background jobs ignore it
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding
+    ) as served:
+        try:
+            assert served.stdout is not None
+            assert "open http://127.0.0.1:" in served.stdout.readline()
+            served.send_signal(signal.SIGINT)
+            rest, complaints = served.communicate(timeout=50)
+        finally:
+            served.kill()
     assert served.returncode == 0
     assert (rest, complaints) == ("", "")
 
