@@ -153,6 +153,14 @@ def test_a_python_without_flex_is_refused(tmp_path):
             FlexProcess(sys.executable)
 
 
+@needs_flex
+def test_its_python_may_be_named_from_the_folder_that_one_is_in(monkeypatch):
+    assert MUJOCO4
+    monkeypatch.chdir(os.path.dirname(MUJOCO4))
+    with FlexProcess(os.path.join(".", os.path.basename(MUJOCO4))) as flex:
+        assert flex.version >= "4"
+
+
 def test_a_race_is_run_at_the_same_error():
     rows = [
         row("mjframes", 0.04, 1.0),

@@ -6,6 +6,7 @@ Its box is that of the voxels that are not held; cells divide it evenly. Nodes o
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -92,7 +93,7 @@ class FlexProcess:
         self._folder = tempfile.TemporaryDirectory()
         try:
             self._process = subprocess.Popen(
-                [python, str(WORKER)],
+                [os.path.abspath(python) if os.sep in python else python, str(WORKER)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
