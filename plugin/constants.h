@@ -67,6 +67,7 @@ inline constexpr int kTile = 4;            // rows that are updated together
 // Constraint rows (warm_start.h)
 
 inline constexpr size_t kStackReserve = 1 << 16;  // [bytes] of mjData's stack that are left to others
+inline constexpr int kFewRows = 64;          // of an island, that are solved for however few its degrees of freedom are
 inline constexpr int kMostRows = 1024;       // of an island: beyond, the factors of its rows cost more than MuJoCo's
 inline constexpr int kMostIterations = 30;   // of Newton's method; three are usual
 inline constexpr int kLineSearchSteps = 30;  // halving alone gets as far as rounding

@@ -262,8 +262,9 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
                  int count, double* half, double* work) {
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
-  // with more rows than degrees of freedom MuJoCo's own factors are the smaller ones
-  if (n > std::min(kMostRows, island.dofs) || !HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
+  // of many more rows than degrees of freedom MuJoCo's own factors are the smaller ones
+  const int most = std::min(kMostRows, std::max(kFewRows, island.dofs));
+  if (n > most || !HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
   MarkStack(d);
   double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, square);
   double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
