@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
 import subprocess
 from functools import cache
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjframes.base.files import cache_directory
+from mjframes.base.files import cache_directory, replacing
 from mjframes.elasticity.laws import LawParameters
 from mjframes.scene import plugin
 
@@ -26,9 +25,7 @@ def harness(part: str = "quadrature") -> ctypes.CDLL:
     digest = hashlib.sha256(units[0].read_bytes() + plugin.library_name(SOURCES).encode()).hexdigest()[:12]
     library = cache_directory() / f"harness-{part}-{digest}.so"
     if not library.is_file():
-        library.parent.mkdir(parents=True, exist_ok=True)
         flags = (SOURCES / plugin.FLAGS_FILE).read_text().split()
-        partial = library.with_suffix(f".{os.getpid()}")
         command = [
             *plugin.find_compiler(),
             *flags,
@@ -37,11 +34,9 @@ def harness(part: str = "quadrature") -> ctypes.CDLL:
             "-isystem",
             mujoco.HEADERS_DIR + "/..",
             "-shared",
-            "-o",
-            str(partial),
         ]
-        subprocess.run([*command, *map(str, units)], check=True)
-        os.replace(partial, library)
+        with replacing(library, "the library") as file:
+            subprocess.run([*command, *map(str, units), "-o", str(file)], check=True)
     loaded = ctypes.CDLL(str(library))
     if part == "quadrature":
         loaded.region.restype = ctypes.c_double

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mujoco
 import pytest
@@ -15,7 +16,7 @@ from builders.lengthwise import block
 from builders.rubber import bar
 from builders.scenes import beam, lump
 
-from mjframes.base.files import cache_directory
+from mjframes.base.files import cache_directory, replacing
 from mjframes.body.build import build
 from mjframes.scene import plugin
 from mjframes.scene.attach import attach
@@ -89,15 +90,18 @@ def sanitized(sanitizers: str) -> Path:
     if cmake is None:
         pytest.skip("no cmake to build the plugin with sanitizers")
     name = plugin.library_name(SOURCES)
-    build_directory = cache_directory() / f"{sanitizers.replace(',', '-')}-{Path(name).stem}"
-    made = build_directory / name
+    made = cache_directory() / f"{sanitizers.replace(',', '-')}-{Path(name).stem}" / name
     if not made.is_file():
-        options = [f"-DMJFRAMES_SANITIZE={sanitizers}", f"-DPython_EXECUTABLE={sys.executable}"]
-        for command in (
-            [cmake, "-S", str(SOURCES), "-B", str(build_directory), "-G", "Unix Makefiles", *options],
-            [cmake, "--build", str(build_directory), "--parallel", "2"],
-        ):
-            subprocess.run(command, check=True, capture_output=True)
+        # in a directory of its own: one that an interrupted run or another clone left is not CMake's to build on
+        with TemporaryDirectory() as build_directory:
+            options = [f"-DMJFRAMES_SANITIZE={sanitizers}", f"-DPython_EXECUTABLE={sys.executable}"]
+            for command in (
+                [cmake, "-S", str(SOURCES), "-B", build_directory, "-G", "Unix Makefiles", *options],
+                [cmake, "--build", build_directory, "--parallel", "2"],
+            ):
+                subprocess.run(command, check=True, capture_output=True)
+            with replacing(made, "the library") as file:
+                shutil.copyfile(Path(build_directory, name), file)
     return made
 
 
