@@ -45,13 +45,13 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
     batch.fallback = batch.own = batch.rest;
     batch.ends = batch.present;
   }
-  batch.stiffness.assign(kWideLanes * 9 * blocks, 0);
+  batch.moduli.stiffness.assign(kWideLanes * 9 * blocks, 0);
   batch.pair.assign(kWideLanes * blocks, -1);
   batch.law = regions.front()->law;
   batch.cells = 0;
   for (const Region* region : regions) batch.cells = std::max(batch.cells, static_cast<int>(region->cells.size()));
   batch.volume.assign(kWideLanes * static_cast<size_t>(batch.cells), 0);
-  batch.material.assign(batch.volume.size(), LawParameters{});
+  batch.moduli.material.assign(batch.volume.size(), LawParameters{});
   batch.slope.assign(27 * static_cast<size_t>(m) * batch.volume.size(), 0);
   for (int lane = 0; lane < kWideLanes; lane++) {
     // lanes without a region have the first one's shape, without its stiffness
@@ -76,7 +76,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
     }
     if (filled) {
       batch.region.push_back(region.number);
-      FillLane(region, region.stiffness.data(), nullptr, lane, &batch);
+      FillLane(region, region.stiffness.data(), nullptr, lane, &batch.moduli);
     }
     for (size_t q = 0; filled && q < region.cells.size(); q++) {
       const Cell& cell = region.cells[q];
@@ -93,19 +93,20 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 
 }  // namespace
 
-void FillLane(const Region& region, const double* stiffness, const double* factors, int lane, RegionBatch* batch) {
+void FillLane(const Region& region, const double* stiffness, const double* factors, int lane,
+              RegionBatch::Moduli* moduli) {
   const size_t width = 3 * static_cast<size_t>(region.size());
   size_t entry = 0;
   for (int j = 0; j < region.size(); j++) {
     for (int k = 0; k <= j; k++) {
       for (int e = 0; e < 9; e++, entry++) {
-        batch->stiffness[kWideLanes * entry + lane] = stiffness[(3 * j + e / 3) * width + 3 * k + e % 3];
+        moduli->stiffness[kWideLanes * entry + lane] = stiffness[(3 * j + e / 3) * width + 3 * k + e % 3];
       }
     }
   }
   for (size_t q = 0; q < region.cells.size(); q++) {
     const Cell& cell = region.cells[q];
-    batch->material[kWideLanes * q + lane] = factors ? Scaled(cell.material, factors[cell.factor]) : cell.material;
+    moduli->material[kWideLanes * q + lane] = factors ? Scaled(cell.material, factors[cell.factor]) : cell.material;
   }
 }
 

@@ -95,32 +95,37 @@ double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, const do
 // [h_j]× and N_j = (A Z)⁻¹ [h_j]×. Regions of about the same number of points are in one batch; where one has fewer
 // than the largest, points without stiffness fill it up. Every array has eight lanes an entry.
 struct RegionBatch {
-  std::vector<int> region;              // which of the body's, none for lanes at the end without one
-  int size;                             // m, of the largest
-  std::vector<int32_t> point;           // control points                                            (m)
-  std::vector<double> present;          // 1, or 0 for points that fill up                           (m)
-  std::vector<double> shows;            // 1 for the points that show how the region turns, else 0   (m)
-  std::vector<double> rest;             // as in Region                                              (m × 3)
-  std::vector<double> gradient;         // as in Region                                              (m × 3)
-  std::vector<double> fallback;         // as in Region, 0 for those without; empty if all are           (m × 3)
-  std::vector<double> own;              // as in Region; empty with fallback                         (m × 3)
-  std::vector<double> ends;             // 1 at the last point of a frame with such gradients, else 0 (m)
-  std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j), row major                        (m(m+1)/2 × 9)
-  std::vector<int32_t> pair;            // as in Region, −1 for blocks that fill up                  (m(m+1)/2)
-  Law law;                              // of the cells
-  int cells;                            // q, of the region with most; those that fill up have no volume
-  std::vector<double> volume;           // of each cell                                              (q)
-  std::vector<LawParameters> material;  //                                                     (q × 8)
-  std::vector<double> slope;            // E_q, by point: row 3r + a for F_ra                (q × m × 9 × 3)
+  // What factors of the materials change.
+  struct Moduli {
+    std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j), row major                      (m(m+1)/2 × 9)
+    std::vector<LawParameters> material;  // of each cell                                            (q × 8)
+  };
+  std::vector<int> region;       // which of the body's, none for lanes at the end without one
+  int size;                      // m, of the largest
+  std::vector<int32_t> point;    // control points                                            (m)
+  std::vector<double> present;   // 1, or 0 for points that fill up                           (m)
+  std::vector<double> shows;     // 1 for the points that show how the region turns, else 0   (m)
+  std::vector<double> rest;      // as in Region                                              (m × 3)
+  std::vector<double> gradient;  // as in Region                                              (m × 3)
+  std::vector<double> fallback;  // as in Region, 0 for those without; empty if all are           (m × 3)
+  std::vector<double> own;       // as in Region; empty with fallback                         (m × 3)
+  std::vector<double> ends;      // 1 at the last point of a frame with such gradients, else 0 (m)
+  std::vector<int32_t> pair;     // as in Region, −1 for blocks that fill up                  (m(m+1)/2)
+  Law law;                       // of the cells
+  int cells;                     // q, of the region with most; those that fill up have no volume
+  std::vector<double> volume;    // of each cell                                              (q)
+  std::vector<double> slope;     // E_q, by point: row 3r + a for F_ra                (q × m × 9 × 3)
   double inverse_size[kWideLanes], enlargement[kWideLanes];
   double falls_back[kWideLanes];  // 1 for regions with a fallback, else 0
+  Moduli moduli;                  // as built
 };
 
 // All regions, largest first; neighbours next to each other.
 std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions);
 
-// Gives a lane of a batch another K_e of its region (3m × 3m), and the cells' materials with factors of their moduli.
-void FillLane(const Region& region, const double* stiffness, const double* factors, int lane, RegionBatch* batch);
+// Gives a lane K_e of its region (3m × 3m), and the cells' materials with factors of their moduli.
+void FillLane(const Region& region, const double* stiffness, const double* factors, int lane,
+              RegionBatch::Moduli* moduli);
 
 // Scratch memory for the largest batch of a body; allocated once.
 struct BatchScratch {
@@ -135,9 +140,10 @@ struct BatchScratch {
 };
 
 // The sum of the regions' elastic forces is added to `force`, and, where they are given, that of their stiffnesses to
-// `stiffness` and enlarged to `enlarged`, one row-major 3×3 block a pair of control points. x: all control points [m].
-void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScratch* scratch, Vec3* force,
-                double* stiffness, double* enlarged);
+// `stiffness` and enlarged to `enlarged`, one row-major 3×3 block a pair of control points. moduli: one a batch, null
+// for those as built. x: all control points [m].
+void AddBatches(const std::vector<RegionBatch>& batches, const RegionBatch::Moduli* moduli, const Vec3* x,
+                BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged);
 
 }  // namespace mjframes
 

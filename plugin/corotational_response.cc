@@ -36,6 +36,7 @@ Mat3 PseudoInverse(const Mat3& A) {
 template <typename V>
 struct Half {
   const RegionBatch& batch;
+  const RegionBatch::Moduli& moduli;
   int first;
 
   MJFRAMES_INLINE V Of(const double* array, size_t entry) const { return Load<V>(array + kWideLanes * entry + first); }
@@ -239,7 +240,7 @@ MJFRAMES_INLINE void AddProduct(const V* K, const Columns<V>& of, V* sum) {
 // product = K_e [y | Z]
 template <typename V>
 MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
-  const double* stiffness = half.batch.stiffness.data();
+  const double* stiffness = half.moduli.stiffness.data();
   double* product = scratch->product.data();
   for (int j = 0, block = 0; j < half.batch.size; j++) {
     const Columns<V> of_j(half, scratch->z.data(), j);
@@ -280,7 +281,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
       }
     }
     const Invariants<V> is = InvariantsOf(F);
-    const Slopes<V> of = SlopesOf(batch.law, batch.material.data() + kWideLanes * q + half.first, is);
+    const Slopes<V> of = SlopesOf(batch.law, half.moduli.material.data() + kWideLanes * q + half.first, is);
     const V volume = half.Of(batch.volume.data(), q);
     V P[9];
     FirstPiola(F, is, of, P);
@@ -408,7 +409,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& thet
         const int t = (r + 1) % 3, u = (r + 2) % 3;
         for (int s = 0; s < 3; s++) {
           const int v = (s + 1) % 3, w = (s + 2) % 3;
-          block[3 * r + s] = half.Of(half.batch.stiffness.data(), entry + 3 * r + s) -
+          block[3 * r + s] = half.Of(half.moduli.stiffness.data(), entry + 3 * r + s) -
                              (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
                              (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
         }
@@ -429,10 +430,10 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& thet
 }
 
 template <typename V>
-MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force,
-                                double* stiffness, double* enlarged) {
+MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Moduli& moduli, const Vec3* x,
+                                BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged) {
   for (int first = 0; first < kWideLanes; first += kWidth<V>) {
-    const Half<V> half{batch, first};
+    const Half<V> half{batch, moduli, first};
     if (batch.pair[first] < 0) break;  // the last regions do not fill all lanes
     V R[9], S[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
@@ -457,15 +458,15 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const Vec3* x, BatchSc
   }
 }
 
-void AddBatch(const RegionBatch& batch, const Vec3* x, BatchScratch* scratch, Vec3* force, double* stiffness,
-              double* enlarged) {
-  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, x, scratch, force, stiffness, enlarged); });
+void AddBatch(const RegionBatch& batch, const RegionBatch::Moduli& moduli, const Vec3* x, BatchScratch* scratch,
+              Vec3* force, double* stiffness, double* enlarged) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, moduli, x, scratch, force, stiffness, enlarged); });
 }
 
 }  // namespace
 
-void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScratch* scratch, Vec3* force,
-                double* stiffness, double* enlarged) {
+void AddBatches(const std::vector<RegionBatch>& batches, const RegionBatch::Moduli* moduli, const Vec3* x,
+                BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged) {
   if (batches.empty()) return;
   // a body turns as a whole: one region shows the others where to start
   const RegionBatch& first = batches.front();
@@ -477,7 +478,9 @@ void AddBatches(const std::vector<RegionBatch>& batches, const Vec3* x, BatchScr
   }
   const Mat3 R = ClosestRotation(F, kIdentity);
   for (int e = 0; e < 9; e++) std::fill_n(scratch->rotation + kWideLanes * e, kWideLanes, R[e]);
-  for (const RegionBatch& batch : batches) AddBatch(batch, x, scratch, force, stiffness, enlarged);
+  for (size_t b = 0; b < batches.size(); b++) {
+    AddBatch(batches[b], moduli ? moduli[b] : batches[b].moduli, x, scratch, force, stiffness, enlarged);
+  }
 }
 
 }  // namespace mjframes

@@ -10,10 +10,10 @@ Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& 
       batch_scratch_(model.batches),
       quadrature_scratch_(model.quadrature),
       scaled_(model.factors, 1.0),
-      batches_(model.factors > 1 ? model.batches : std::vector<RegionBatch>()),
       stiffness_(9 * pairs.size()),
       enlarged_(model.enlarges ? 9 * pairs.size() : 0) {
   if (model.factors == 1) return;
+  for (const RegionBatch& batch : model.batches) moduli_.push_back(batch.moduli);
   size_t most = 0;
   for (const Region& region : model.regions) most = std::max(most, region.stiffness.size());
   matrix_.resize(most);
@@ -37,10 +37,11 @@ void Elasticity::Scale(const std::vector<double>& factors) {
     std::copy(factors.begin(), factors.end(), scaled_.begin());
   }
   quadrature_scratch_.Scale(model_.quadrature, scaled_);
-  for (RegionBatch& batch : batches_) {
-    for (size_t lane = 0; lane < batch.region.size(); lane++) {
-      const Region& region = model_.regions[batch.region[lane]];
-      FillLane(region, ScaledStiffness(region), scaled_.data(), static_cast<int>(lane), &batch);
+  for (size_t b = 0; b < moduli_.size(); b++) {
+    const std::vector<int>& regions = model_.batches[b].region;
+    for (size_t lane = 0; lane < regions.size(); lane++) {
+      const Region& region = model_.regions[regions[lane]];
+      FillLane(region, ScaledStiffness(region), scaled_.data(), static_cast<int>(lane), &moduli_[b]);
     }
   }
 }
@@ -50,7 +51,7 @@ void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* forc
   std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
   std::fill(enlarged_.begin(), enlarged_.end(), 0.0);
   double* K = stiffness ? stiffness_.data() : nullptr;
-  AddBatches(apart_ ? batches_ : model_.batches, x, &batch_scratch_, force->data(), K,
+  AddBatches(model_.batches, apart_ ? moduli_.data() : nullptr, x, &batch_scratch_, force->data(), K,
              enlarged_.empty() ? nullptr : enlarged_.data());
   AddQuadrature(model_.quadrature, x, &quadrature_scratch_, force->data(), K);
   if (!model_.quadrature.empty() && !enlarged_.empty()) {

@@ -54,14 +54,14 @@ class Elasticity {
   const std::vector<PointPair>& pairs_;
   BatchScratch batch_scratch_;
   QuadratureScratch quadrature_scratch_;
-  double factor_ = 1;                 // common to all materials [-]
-  bool apart_ = false;                // whether they have different ones
-  std::vector<double> scaled_;        // factors of the materials that the batches and the scratch memory have [-]
-  std::vector<RegionBatch> batches_;  // the model's, with these; none where there is one material
-  std::vector<double> matrix_;        // K_e of a region with these [N/m], for the largest
-  std::vector<double> rows_;          // scratch memory for it
-  std::vector<double> stiffness_;     // K, 3×3 row-major block a pair
-  std::vector<double> enlarged_;      // empty where d->M has room for K
+  double factor_ = 1;           // common to all materials [-]
+  bool apart_ = false;          // whether they have different ones
+  std::vector<double> scaled_;  // factors of the materials that the batches and the scratch memory have [-]
+  std::vector<RegionBatch::Moduli> moduli_;  // of the model's batches, with these; none where there is one material
+  std::vector<double> matrix_;               // K_e of a region with these [N/m], for the largest
+  std::vector<double> rows_;                 // scratch memory for it
+  std::vector<double> stiffness_;            // K, 3×3 row-major block a pair
+  std::vector<double> enlarged_;             // empty where d->M has room for K
 };
 
 }  // namespace mjframes

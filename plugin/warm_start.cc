@@ -33,6 +33,15 @@ bool Starts(const mjModel* m, const mjData* d) {
   return std::none_of(d->efc_type, d->efc_type + d->nefc, [](int type) { return type == mjCNSTR_CONTACT_ELLIPTIC; });
 }
 
+// Whether a row's island is solved here: of many more rows than degrees of freedom MuJoCo's own factors are the smaller
+// ones.
+bool IsTaken(const mjModel* m, const mjData* d, int row) {
+  const int island = d->nisland > 0 ? d->efc_island[row] : -1;
+  const int rows = island < 0 ? d->nefc : d->island_nefc[island];
+  const int dofs = static_cast<int>(island < 0 ? m->nv : d->island_nv[island]);
+  return rows <= std::min(kMostRows, std::max(kFewRows, dofs));
+}
+
 bool TouchesSoft(const mjModel* m, const mjData* d, int row) {
   if (!IsContact(d, row)) return false;
   const int* geom = d->contact[d->efc_id[row]].geom;
@@ -262,9 +271,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
                  int count, double* half, double* work) {
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
-  // of many more rows than degrees of freedom MuJoCo's own factors are the smaller ones
-  const int most = std::min(kMostRows, std::max(kFewRows, island.dofs));
-  if (n > most || !HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
+  if (!HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
   MarkStack(d);
   double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, square);
   double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
@@ -344,7 +351,7 @@ void WriteStart(const mjModel* m, mjData* d, const Island& island, const double*
   }
 }
 
-// From the groups of all rows.
+// From the groups of all rows of the islands that are taken.
 void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count, const double* sqrt_inverse) {
   const int nv = m->nv;
   double *smooth = mj_stackAllocNum(d, nv), *half = mj_stackAllocNum(d, nv);
@@ -361,6 +368,7 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
     for (int i = 0; i < count; i++) {
       if (island.HasRow(d, groups[i].row)) members[size++] = i;
     }
+    if (size == 0) continue;
     if (IsSolved(m, d, island, groups, members, size, half, sqrt_inverse, left, work)) continue;
     if (SolveIsland(m, d, island, groups, members, size, half, work)) WriteStart(m, d, island, half, sqrt_inverse);
   }
@@ -385,15 +393,17 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d) {
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
       const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
-      if (!starts && !sets) continue;
-      group.dof = starts ? mj_stackAllocInt(d, group.size) : dof_.data();
-      group.y = starts ? mj_stackAllocNum(d, kLanes * group.size) : y_.data();
+      const bool keeps = starts && IsTaken(m, d, row);
+      if (!keeps && !sets) continue;
+      group.dof = keeps ? mj_stackAllocInt(d, group.size) : dof_.data();
+      group.y = keeps ? mj_stackAllocNum(d, kLanes * group.size) : y_.data();
       inertia_.Solve(m, d, &group);
       if (sets) SetResistances(m, d, group);
-      if (starts) groups[count++] = group;
+      if (keeps) groups[count++] = group;
     }
   }
-  if (starts && HasRoom(d, 4 * m->nv + count)) WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
+  if (starts && count > 0 && HasRoom(d, 4 * m->nv + count))
+    WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
   FreeStack(d);
 }
 
