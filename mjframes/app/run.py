@@ -20,18 +20,13 @@ from mjframes.app.recording import Instant, Recording
 from mjframes.app.ticks import Ticks
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
-from mjframes.scene.load import mujoco_warnings, start
+from mjframes.scene.load import DIVERGED, mujoco_warnings, start
 from mjframes.scene.packed import pack
 
 if TYPE_CHECKING:
     from mjframes.app.log.session import Logging
 
 RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of some megabytes
-DIVERGED = [
-    int(mujoco.mjtWarning.mjWARN_BADQPOS),
-    int(mujoco.mjtWarning.mjWARN_BADQVEL),
-    int(mujoco.mjtWarning.mjWARN_BADQACC),
-]
 
 
 def record(

@@ -127,14 +127,18 @@ class SoftBody:
 
         A body that is rigid throughout has one factor, under the first of its labels.
         """
-        present = {label: self.materials[label] for label in sorted(occurring(self.fields.volume.labels))}
-        found = {label: material.name for label, material in present.items() if not material.is_rigid}
-        return found or {label: present[label].name for label in list(present)[:1]}
+        found = {label: material.name for label, material in self._present.items() if not material.is_rigid}
+        return found or {label: material.name for label, material in list(self._present.items())[:1]}
 
     @property
     def factor_of(self) -> np.ndarray:
         """Return (t,) which of these factors each material that the volume has follows, by label."""
-        return factor_of([self.materials[label] for label in sorted(occurring(self.fields.volume.labels))])
+        return factor_of(list(self._present.values()))
+
+    @cached_property
+    def _present(self) -> dict[int, Material]:
+        """The materials that the volume has, by label, ascending."""
+        return {label: self.materials[label] for label in sorted(occurring(self.fields.volume.labels))}
 
     @property
     def voxels(self) -> int:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from mjframes.base.errors import MjframesError
 from mjframes.dm import lift, lifting
 from mjframes.dm.lifting import Layout
+from mjframes.scene.load import DIVERGED
 from mjframes.scene.scaling import scale
 
 Array = NDArray[np.float64]
@@ -34,11 +35,6 @@ STEPS = round(lifting.CONTROL_TIMESTEP / lifting.PHYSICS_TIMESTEP)  # of physics
 EPISODE = round(lifting.TIME_LIMIT / lifting.CONTROL_TIMESTEP)  # control steps
 BOUND = 100.0  # [m, rad/s, N, …] of observations; nothing but hard blows goes beyond
 PICTURE = (240, 320)  # height and width of what is drawn
-FAILURES = [
-    mujoco.mjtWarning.mjWARN_BADQPOS.value,
-    mujoco.mjtWarning.mjWARN_BADQVEL.value,
-    mujoco.mjtWarning.mjWARN_BADQACC.value,
-]
 
 
 @cache
@@ -90,7 +86,7 @@ class LiftSteak(gymnasium.Env):
         self.data.ctrl[:] = action * self.model.actuator_ctrlrange[:, 1]
         mujoco.mj_step(self.model, self.data, nstep=STEPS)
         mujoco.mj_step1(self.model, self.data)  # sensors of the new state
-        failed = any(self.data.warning[kind].number for kind in FAILURES)
+        failed = any(self.data.warning[kind].number for kind in DIVERGED)
         reward = 0.0 if failed else float(lifting.reward(self._at, self.data))
         return _observed(self._at, self.data), reward, failed, False, {}
 
@@ -163,7 +159,7 @@ class LiftSteakVector(VectorEnv):
             self.batch.ctrl[going] = np.asarray(actions)[going] * self.batch.model.actuator_ctrlrange[:, 1]
             self.batch.step(going, STEPS, mujoco.mjtStage.mjSTAGE_VEL.value)
             self._count[going] += 1
-        failed = self.batch.warning[:, FAILURES, 1].any(axis=1) & ~ended
+        failed = self.batch.warning[:, DIVERGED, 1].any(axis=1) & ~ended
         rewards = np.where(failed | ended, 0.0, lifting.reward(self._at, self.batch))
         truncated = (self._count >= self._limit) & ~ended
         self._ended = failed | truncated

@@ -7,6 +7,7 @@ masses are equimomental, so a shared body has exactly the frame's mass and inert
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +88,14 @@ def carriers(body: SoftBody, links: dict[str, Pose]) -> list[Carrier]:
             )
             above = len(found) - 1
         last[i] = above
+    return found
+
+
+def carrier_of(carried: Sequence[Carrier]) -> np.ndarray:
+    """Return (k,) the carrier of each control point."""
+    found = np.empty(sum(len(carrier.points) for carrier in carried), int)
+    for c, carrier in enumerate(carried):
+        found[carrier.points] = c
     return found
 
 

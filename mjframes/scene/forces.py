@@ -35,6 +35,16 @@ def forces_on_frames(
     return forces
 
 
+def wrenches(data: mujoco.MjData, bodies: NDArray[np.int64], points: Array, forces: Array) -> Array:
+    """Return what forces at points are in `xfrc_applied` (nbody, 6): a point of a body not at its centre has a torque.
+
+    data: after `mj_kinematics` and `mj_comPos`.  bodies: (k,) that the points (k, 3) [m] ride on.  forces: (k, 3) [N].
+    """
+    found = np.zeros_like(data.xfrc_applied)
+    np.add.at(found, bodies, np.hstack([forces, np.cross(points - data.xipos[bodies], forces)]))
+    return found
+
+
 def contact_rows(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the constraint rows of all contacts of some geoms."""
     rows = []

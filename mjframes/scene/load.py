@@ -12,6 +12,11 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
 PLUGIN_WARNING = "mjframes: "  # what the plugin's warnings begin with (plugin/soft_body.cc)
+DIVERGED = [  # MuJoCo's warnings of a state that is not finite or huge
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+]
 
 
 def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjSpec]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjframes.body.soft_body import SoftBody
-from mjframes.scene.carriers import Carrier
+from mjframes.scene.carriers import Carrier, carrier_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +28,13 @@ class Patch:
 def ordered_patches(body: SoftBody, carried: Sequence[Carrier], rank: np.ndarray) -> list[Patch]:
     """Return the patches in the order of their carriers.  rank: (c,) of each carrier."""
     frame, weights = body.control.frame, body.contact.weights
-    carrier_of = np.empty(len(frame), int)
-    for c, carrier in enumerate(carried):
-        carrier_of[carrier.points] = c
+    carrier = carrier_of(carried)
     ends = [*(1 + np.flatnonzero(np.diff(body.contact.patch))).tolist(), len(body.contact.patch)]
     patches, first = [], 0
     for end in ends:
         moving = np.zeros(len(body.types), bool)
         moving[frame[weights.indices[weights.indptr[first] : weights.indptr[end]]]] = True
         points = np.flatnonzero(moving[frame])
-        patches.append(Patch(np.arange(first, end), points, int(carrier_of[points[-1]])))
+        patches.append(Patch(np.arange(first, end), points, int(carrier[points[-1]])))
         first = end
     return sorted(patches, key=lambda patch: rank[patch.carrier])

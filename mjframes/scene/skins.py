@@ -12,7 +12,7 @@ from scipy import sparse
 
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links
-from mjframes.scene.carriers import Carrier
+from mjframes.scene.carriers import Carrier, carrier_of
 from mjframes.scene.plugin_text import SEPARATOR
 from mjframes.scene.veins import add_veined_material, vein_coordinates
 
@@ -26,9 +26,7 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
     Its bones are the bodies, each with the weights of the points that ride on it.
     """
     skin = body.skin
-    bone_of = np.empty(len(body.control.frame), int)
-    for c, carrier in enumerate(carried):
-        bone_of[carrier.points] = c
+    bone_of = carrier_of(carried)
     gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
     rounded = _rounded(sparse.csr_array(skin.weights @ gather))
     places = np.round(skin.vertices, math.ceil(-math.log10(VERTEX_ROUNDING * np.ptp(skin.vertices, axis=0).max())))

@@ -16,6 +16,7 @@ import numpy as np
 from mjframes.app.collect.plan import Bounds
 from mjframes.app.collect.variation import stream
 from mjframes.base.errors import MjframesError
+from mjframes.scene.forces import wrenches
 from mjframes.scene.plugin_text import decode
 from mjframes.scene.view import Soft, soft, soft_names
 
@@ -54,15 +55,13 @@ class Push:
 
         data: at the start, after `mj_kinematics`; torques on rigid frames keep the arms that they have there.
         """
-        found = np.zeros_like(data.xfrc_applied)
         force = np.array([drawn[f"{self.body}.push.{axis}"] for axis in "xyz"])
         if self.view is None:
+            found = np.zeros_like(data.xfrc_applied)
             found[self.number, :3] = force
             return found
         on_points = self.weights[:, int(drawn[f"{self.body}.push.vertex"]), None] * force
-        arms = self.view.control_positions - data.xipos[self.view.bodies]
-        np.add.at(found, self.view.bodies, np.hstack([on_points, np.cross(arms, on_points)]))
-        return found
+        return wrenches(data, self.view.bodies, self.view.control_positions, on_points)
 
 
 def pushes(

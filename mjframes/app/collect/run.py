@@ -22,6 +22,7 @@ from mjframes.app.collect.variation import checked
 from mjframes.app.log.worlds import WORLD
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.threads import processors
 from mjframes.scene.load import load_scene
 from mjframes.scene.packed import pack
 
@@ -86,7 +87,7 @@ def collect(
     paths = tuple(shard_path(folder, number) for number in range(plan.shards))
     missing = [number for number, path in enumerate(paths) if not path.exists()]
     if ray is None:
-        work = partial(shard_bytes, plan, files, threads=threads or _processors())
+        work = partial(shard_bytes, plan, files, threads=threads or processors())
         found: Iterator[tuple[int, bytes]] = ((number, work(number)) for number in missing)
     else:
         found = on_cluster(ray, plan, files, missing, threads or 1)
@@ -112,10 +113,6 @@ def _check_packages() -> None:
         import mcap.writer  # noqa: F401
     except ImportError as error:
         raise MjframesError('shards need mcap, which is not installed; pip install "mjframes[log]".') from error
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _clear(folder: Path) -> None:

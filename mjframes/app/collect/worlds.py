@@ -19,7 +19,7 @@ from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.push import LENGTH, pushes
 from mjframes.app.collect.variation import Varied, stream, variations
 from mjframes.base.errors import MjframesError
-from mjframes.scene.load import mujoco_warnings, sentence
+from mjframes.scene.load import mujoco_warnings, start
 
 HOLD = 0.1  # [s] that a random control lasts
 CONTROLS = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
@@ -57,10 +57,7 @@ class Stepping:
     def __init__(self, plan: Plan, model: mujoco.MjModel) -> None:
         self.plan, self.model = plan, model
         with mujoco_warnings() as warnings:
-            try:
-                self.data = mujoco.MjData(model)
-            except mujoco.FatalError as error:
-                raise MjframesError(f"MuJoCo cannot start the scene ({sentence(error, warnings)}).") from error
+            self.data = start(model, warnings)
             mujoco.mj_forward(model, self.data)
         self._variations = variations(plan.vary)
         self._varied = Varied(model, self.data, self._variations)
@@ -89,9 +86,9 @@ class Stepping:
         batch = Batch(model, n, threads, persistent=bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP))
         if model.nnumeric:
             batch.expand("numeric_data")[:] = [self._varied.numerics(some) for some in drawn]
-        start = np.array([self._varied.qpos(some) for some in drawn])
-        batch.bind("qpos")[:] = start
-        inputs = _Inputs(self, worlds, drawn, start)
+        starts = np.array([self._varied.qpos(some) for some in drawn])
+        batch.bind("qpos")[:] = starts
+        inputs = _Inputs(self, worlds, drawn, starts)
         sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu, "sensors": model.nsensordata}
         kept = {name: np.zeros((n, len(ticks), size)) for name, size in sizes.items()}
         count, ended, going = np.zeros(n, int), [""] * n, np.arange(n)
@@ -130,7 +127,7 @@ class _Inputs:
     """What is put on worlds in each step: controls (nu) and wrenches (6 nbody), as `mujoco.batch` takes them."""
 
     def __init__(
-        self, stepping: Stepping, worlds: Sequence[int], drawn: Sequence[dict[str, float]], start: np.ndarray
+        self, stepping: Stepping, worlds: Sequence[int], drawn: Sequence[dict[str, float]], starts: np.ndarray
     ) -> None:
         model, plan = stepping.model, stepping.plan
         timestep = model.opt.timestep
@@ -143,7 +140,7 @@ class _Inputs:
             for row, world in zip(self._controls, worlds, strict=True):
                 row[:] = low + (high - low) * stream(plan.seed, world, "control").random(row.shape)
         self._pushes: list[list[tuple[int, np.ndarray]]] = []  # of each world: first step, wrench
-        for some, qpos in zip(drawn, start, strict=True):
+        for some, qpos in zip(drawn, starts, strict=True):
             stepping.data.qpos[:] = qpos
             mujoco.mj_kinematics(model, stepping.data)
             mujoco.mj_comPos(model, stepping.data)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjframes.scene.links import pose
+
 SLIGHT = 1e-3  # [-] smaller weights of bones are left out: a thousandth of the force
 FREQUENCY = 0.3  # [-] greatest ω h of the spring and rate times h of its damper: both are explicit, stable below 2
 
@@ -73,7 +75,8 @@ def grip_skin(model: mujoco.MjModel, data: mujoco.MjData, skin: int, vertices: n
             if abs(weight) > SLIGHT:
                 bodies.append(int(model.skin_bonebodyid[bone]))
                 weights.append(weight)
-                arms.append(_unturned(model.skin_bonebindquat[bone], rest - model.skin_bonebindpos[bone]))
+                rotation, position = pose(model.skin_bonebindpos[bone], model.skin_bonebindquat[bone])
+                arms.append((rest - position) @ rotation)
     return _grip(model, data, np.array(bodies), np.array(weights), np.array(arms))
 
 
@@ -96,11 +99,3 @@ def _grip(
     mujoco.mj_solveM(model, data, response, jacobian)
     yielding = float((jacobian * response).sum()) / 3
     return Grip(bodies, weights, arms, mass, 1 / yielding if yielding > 0 else 0.0)
-
-
-def _unturned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return a vector in the axes that a quaternion turns the vector's axes to."""
-    inverse, result = np.zeros(4), np.zeros(3)
-    mujoco.mju_negQuat(inverse, np.array(quaternion, float))
-    mujoco.mju_rotVecQuat(result, np.array(vector, float), inverse)
-    return result

@@ -10,10 +10,9 @@ import numpy as np
 
 from mjframes.app.measure import measure, penetration, state_of
 from mjframes.app.recording import Instant
-from mjframes.app.run import DIVERGED
 from mjframes.app.view.grip import Grip
 from mjframes.scene import view
-from mjframes.scene.load import start
+from mjframes.scene.load import DIVERGED, start
 
 PAST = 10.0  # [s] of simulated time that the plots show
 RATE = 20.0  # [Hz] of simulated time, of their points

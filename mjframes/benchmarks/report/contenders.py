@@ -28,6 +28,7 @@ from mjframes.elasticity.shares import factor_of
 from mjframes.frames.supports import Fixed
 from mjframes.kinematics.control import control_weights
 from mjframes.scene.attach import attach
+from mjframes.scene.forces import wrenches
 from mjframes.scene.solver import choose_solver
 from mjframes.scene.view import soft
 from mjframes.volume.grid import Grid
@@ -100,10 +101,8 @@ class Simulation:
         force = np.asarray(self.shapes.T @ load)
 
         def push() -> None:
-            """A point of a rigid frame is not the body's centre of mass: the force has a torque."""
-            self.data.xfrc_applied[:] = 0
-            arm = self.view.control_positions - self.data.xipos[self.view.bodies]
-            np.add.at(self.data.xfrc_applied, self.view.bodies, np.hstack([force, np.cross(arm, force)]))
+            at = self.view.control_positions
+            self.data.xfrc_applied[:] = wrenches(self.data, self.view.bodies, at, force)
 
         return push
 
