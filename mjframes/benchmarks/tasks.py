@@ -1,4 +1,4 @@
-"""Random episodes of the tasks of `mjframes.dm`: whether anything warns or is not finite, and what a step costs.
+"""Random episodes of the tasks of `mjframes.dm`: what warns, what is not finite, what rewards come, what a step costs.
 
 python -m mjframes.benchmarks.tasks lift_steak_features --episodes 1000
 """
@@ -6,44 +6,58 @@ python -m mjframes.benchmarks.tasks lift_steak_features --episodes 1000
 from __future__ import annotations
 
 import argparse
+import re
 import time
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from dm_control import composer
+from dm_control.rl.control import PhysicsError
+from rich.table import Table
 
 from mjframes import dm
+from mjframes.benchmarks.bench import screen, show
+from mjframes.benchmarks.step_tables import table_of
 from mjframes.scene.load import mujoco_warnings
 
 HOLD = 10  # control steps that an action is held: what changes in every step moves next to nothing
+NOTE = f"""\
+Actions are drawn evenly from their bounds and held for {HOLD} control steps.
+warnings: of MuJoCo and of the plugin, one of a kind an episode.  not finite: steps with an observation, a reward or a
+state that is not.  failed: episodes that MuJoCo's warnings ended.  a processor second: without drawing lots."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """warnings: what MuJoCo said.  infinite: steps with an observation or reward that is not finite.
-    unfinished: episodes that dm_control ended for the physics.  seconds: of the processor, without drawing lots.
+    """What came of random episodes.
+
+    warnings: number of each kind, by their words.
+    infinite: steps with an observation, reward or state that is not finite.
+    failed: episodes that MuJoCo's warnings ended.
+    rewards: the lowest and the highest.
+    returned: the mean of the episodes' sums.
+    seconds: of the processor, without drawing lots.
     """
 
     task: str
     episodes: int
     steps: int
-    seconds: float
-    warnings: tuple[str, ...]
+    warnings: dict[str, int]
     infinite: int
-    unfinished: int
-
-    def __str__(self) -> str:
-        rate = self.steps / self.seconds
-        return (
-            f"{self.task}: {self.episodes} episodes, {self.steps} steps, {len(self.warnings)} warnings, "
-            f"{self.infinite} steps not finite, {self.unfinished} episodes failed, {rate:.0f} steps a second"
-        )
+    failed: int
+    rewards: tuple[float, float]
+    returned: float
+    seconds: float
 
 
 def tried(task: str, episodes: int, seed: int = 0, most_steps: int | None = None) -> Tried:
-    """Return what came of random episodes, each cut off behind `most_steps`."""
+    """Return what came of random episodes, each cut off behind `most_steps` control steps."""
     environment = dm.load(task, seed)
     random = np.random.default_rng(seed)
-    steps = infinite = unfinished = 0
+    rewards: list[float] = []
+    infinite = failed = 0
     seconds = 0.0
     with mujoco_warnings() as warnings:
         for _ in range(episodes):
@@ -54,16 +68,42 @@ def tried(task: str, episodes: int, seed: int = 0, most_steps: int | None = None
                 if count % HOLD == 0:
                     chosen = random.uniform(action.minimum, action.maximum)
                 start = time.process_time()
-                step = environment.step(chosen)
-                seconds += time.process_time() - start
+                try:
+                    step = environment.step(chosen)
+                except PhysicsError:
+                    break
+                finally:
+                    seconds += time.process_time() - start
                 count += 1
-                finite = np.isfinite(step.reward or 0) and all(np.isfinite(x).all() for x in step.observation.values())
-                infinite += not finite
-            counters = environment.physics.data.ptr.warning
-            unfinished += any(counter.number for counter in counters)
-            steps += count
+                rewards.append(float(step.reward or 0))
+                infinite += not _finite(environment, [rewards[-1], *step.observation.values()])
+            failed += any(counter.number for counter in environment.physics.data.ptr.warning)
     environment.close()
-    return Tried(task, episodes, steps, seconds, tuple(warnings), infinite, unfinished)
+    kinds = Counter(_kind(text) for text in warnings)
+    extremes = (min(rewards, default=0.0), max(rewards, default=0.0))
+    return Tried(task, episodes, len(rewards), kinds, infinite, failed, extremes, sum(rewards) / episodes, seconds)
+
+
+def table(found: Sequence[Tried]) -> Table:
+    """Return one row a task."""
+    columns = ("episodes", "steps", "warnings", "not finite", "failed", "rewards", "mean return", "a processor second")
+    shown = table_of("Random episodes", *columns)
+    for one in found:
+        kinds = "\n".join(f"{number:,} × {kind}" for kind, number in one.warnings.items()) or "0"
+        low, high = one.rewards
+        shown.add_row(one.task, f"{one.episodes:,}", f"{one.steps:,}", kinds, f"{one.infinite:,}", f"{one.failed:,}",
+                      f"{low:.3g} to {high:.3g}", f"{one.returned:.3g}", f"{one.steps / one.seconds:.0f}")  # fmt: skip
+    return shown
+
+
+def _finite(environment: composer.Environment, seen: Sequence[object]) -> bool:
+    data = environment.physics.data
+    return all(np.isfinite(some).all() for some in (*seen, data.qpos, data.qvel, data.qacc))
+
+
+def _kind(text: str) -> str:
+    """The words of a warning before its first number, which is that of a degree of freedom or of the time."""
+    return re.split(r"[-+]?\d", text, maxsplit=1)[0].strip()
 
 
 if __name__ == "__main__":
@@ -71,7 +111,6 @@ if __name__ == "__main__":
     parser.add_argument("tasks", nargs="+", choices=dm.ALL, help="which")
     parser.add_argument("--episodes", type=int, default=10, help="how many (default: 10)")
     parser.add_argument("--seed", type=int, default=0, help="of starts and actions (default: 0)")
-    parser.add_argument("--steps", type=int, default=None, help="of each episode at most")
+    parser.add_argument("--steps", type=int, default=None, help="of each episode at most (default: its whole length)")
     arguments = parser.parse_args()
-    for task in arguments.tasks:
-        print(tried(task, arguments.episodes, arguments.seed, arguments.steps), flush=True)
+    show(screen(), table([tried(t, arguments.episodes, arguments.seed, arguments.steps) for t in arguments.tasks]), NOTE)

@@ -22,15 +22,23 @@ from mjframes.volume.grid import Grid
 from mjframes.weights.weights import weight_gradients, weights_at
 
 BLOCK = 4096  # [voxels] at a time
+SHARED = 0.01  # [-] of the sum of |r| that μ is at least; below, kernels touch without a voxel in common, and r is tiny
 
 
 def uncoupled(difference: NDArray[np.float64], branch: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Return D (m, m) [kg] with what couples points of different branches (m,) of the kinematic tree lumped.
+    """Return D (m, m) [kg] without what couples points of different branches (m,) of the kinematic tree.
 
-    MuJoCo's inertia matrix has no room for it there; rows still add up to zero.
+    MuJoCo's inertia matrix has no room for it there. What the points of branch b share with those of c, of mass μ, is
+    theirs as r rᵀ / μ, r_j = Σ_k D_jk over the points k of c: rows still add up to zero, and the mass stays positive
+    definite. The diagonal r would not: r_j is negative where the weights of a frame's points are.
     """
-    apart = np.where(branch[:, None] != branch, difference, 0.0)
-    return difference - apart + np.diag(apart.sum(axis=1))
+    kept = np.where(branch[:, None] == branch, difference, 0.0)
+    for one in np.unique(branch):
+        for other in np.unique(branch[branch != one]):
+            rows = np.where(branch == one, difference[:, branch == other].sum(axis=1), 0.0)
+            shared = rows.sum()
+            kept += np.outer(rows, rows) / shared if shared > SHARED * np.abs(rows).sum() else np.diag(rows)
+    return kept
 
 
 def mass_difference(

@@ -76,6 +76,7 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
     view = mf.soft(found.model, found.data, "flesh")
     assert found.body.links == tuple(BONES)
     assert view.elastic_energy > 0
+    assert np.linalg.eigvalsh(mf.mass_matrix(found.model, found.data))[0] > 0  # its pieces are on many branches
     golden(found.model, mujoco.MjData(found.model), "rat", "beside")
     golden(found.model, found.data, "running_rat", "beside")
 

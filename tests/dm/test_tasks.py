@@ -69,7 +69,7 @@ def test_pictures_show_the_steak() -> None:
 @pytest.mark.parametrize(("task", "steps"), [("lift_steak_features", 25), ("run_bare_rat_features", 25)])
 def test_random_episodes_neither_warn_nor_fail(task: str, steps: int) -> None:
     found = tried(task, episodes=3, seed=1, most_steps=steps)
-    assert (found.steps, found.warnings, found.infinite, found.unfinished) == (3 * steps, (), 0, 0)
+    assert (found.steps, found.warnings, found.infinite, found.failed) == (3 * steps, {}, 0, 0)
 
 
 def test_pymjcf_gets_bodies_where_their_frames_were() -> None:
