@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 
 VOLUME = Path(__file__).parents[2] / "models" / "steak.npz"
 OUTPUT = Path("out") / "bench.csv"
+COLUMNS = ("table", "frames", "samples", "row", "value", "unit")
 
 
 class Size(NamedTuple):
@@ -203,7 +204,7 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
     rows += [("elasticity", *sizes[0], cost.law, cost.over_no_elasticity, "1") for cost in costs]
     rows += [("paper", *size, "initialization", seconds, "s") for size, (seconds, _) in PAPER.items()]
     rows += [("paper", *size, "frames a second", rate, "1/s") for size, (_, rate) in PAPER.items()]
-    _write(rows)
+    write_table(OUTPUT, COLUMNS, rows)
     console.print(f"\n{OUTPUT} holds all of these numbers.", highlight=False)
 
 
@@ -278,7 +279,7 @@ def main_of_large() -> None:
     rows += [("large", m.job.frames, m.job.samples, f"{m.cells} cells", m.seconds, "s") for m in large]
     rows += [("rate", m.job.frames, m.job.samples, f"{m.voxels} voxels", m.rate, "1/s") for m in large]
     rows += [("memory", m.job.frames, m.job.samples, f"{m.cells} cells", m.memory / m.cells, "byte") for m in large]
-    _write(rows)
+    write_table(OUTPUT, COLUMNS, rows)
 
 
 def main_of_file(source: str, count: int | None, frames: Sequence[int]) -> None:
@@ -438,6 +439,7 @@ def _progress(console: Console) -> Iterator[Progress]:
         yield progress
 
 
-def _write(rows: Sequence[tuple[object, ...]]) -> None:
-    with replacing(OUTPUT, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([("table", "frames", "samples", "row", "value", "unit"), *rows])
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[tuple[object, ...]]) -> None:
+    """Write rows of numbers below the names of their columns (.csv)."""
+    with replacing(path, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([columns, *rows])

@@ -59,7 +59,10 @@ def step_table(speeds: Sequence[Speed], body: str) -> Table:
                 f"{mine[0].instructions / 1e3:,.0f}" if mine and mine[0].instructions else "–",
             ]
         table.add_row(f"{frames} frames", *cells)
-    for first, last in (FEW, (MANY[0], min(MANY[1], max(speed.frames for speed in some)))):
+    most = max(speed.frames for speed in some)
+    for first, last in (FEW, (MANY[0], min(MANY[1], most))):
+        if last <= first:  # a quick run has no bodies of many frames
+            continue
         cells = [""]
         for scene in scenes:
             grown = [growth(of(some, scene=scene, contender=name), first, last) for name in (OURS, BARE)]

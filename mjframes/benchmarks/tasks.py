@@ -113,4 +113,5 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0, help="of starts and actions (default: 0)")
     parser.add_argument("--steps", type=int, default=None, help="of each episode at most (default: its whole length)")
     arguments = parser.parse_args()
-    show(screen(), table([tried(t, arguments.episodes, arguments.seed, arguments.steps) for t in arguments.tasks]), NOTE)
+    found = [tried(task, arguments.episodes, arguments.seed, arguments.steps) for task in arguments.tasks]
+    show(screen(), table(found), NOTE)

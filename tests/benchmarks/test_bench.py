@@ -187,6 +187,8 @@ def test_tables_have_every_number(tmp_path: Path) -> None:
     columns = [list(column.cells) for column in step_table(speeds, STEAK).columns]
     assert columns[0] == ["3 frames", "10 frames", "40 frames", "growth 3–20", "growth 20–40"]
     assert columns[1] == ["36", "120", "480", "", ""]
+    few = step_table([speed for speed in speeds if speed.frames <= 20], STEAK)
+    assert list(few.columns[0].cells) == ["3 frames", "10 frames", "growth 3–20"]
     assert columns[2] == ["36", "120", "480", "1.0", "–"]  # microseconds
     assert columns[4] == ["3.0", "3.0", "3.0", "", ""]
     assert [column[1] for column in columns[12:17]] == ["–"] * 5  # the stack of ten frames

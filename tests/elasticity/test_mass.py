@@ -10,9 +10,9 @@ BRANCH = np.repeat([0, 0, 1, 2], 4)  # of four frames with four points each
 
 
 def weights(rng: np.random.Generator) -> np.ndarray:
-    """(voxels, points) as of affine frames: a partition of unity; where frames meet, some of their points' are negative."""
+    """(voxels, points) as of affine frames: their sum is 1; where frames meet, some are negative."""
     middle, places = rng.normal(size=(4, 3)), rng.normal(size=(200, 3))
-    frames = np.exp(-np.linalg.norm(places[:, None] - middle, axis=2) ** 2)
+    frames = np.exp(-(np.linalg.norm(places[:, None] - middle, axis=2) ** 2))
     frames /= frames.sum(axis=1, keepdims=True)
     along = (places[:, None] - middle) / 0.5
     corners = np.concatenate([along, 1 - along.sum(axis=2, keepdims=True)], axis=2)
