@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from dm_control import composer
@@ -96,7 +97,7 @@ def table(found: Sequence[Tried]) -> Table:
     return shown
 
 
-def _finite(environment: composer.Environment, seen: Sequence[object]) -> bool:
+def _finite(environment: composer.Environment, seen: Sequence[Any]) -> bool:
     data = environment.physics.data
     return all(np.isfinite(some).all() for some in (*seen, data.qpos, data.qvel, data.qacc))
 

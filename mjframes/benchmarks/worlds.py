@@ -274,12 +274,8 @@ class Beside:
 def measure_flex(case: Case, python: str) -> tuple[list[Beside], list[str]]:
     """Return frames and the flex of each kind that goes beside them; and a line of each flex that came to no rest."""
     known = refined(case)
-
-    def error(moved: np.ndarray) -> float:
-        return float(np.linalg.norm(moved - known.moved) / np.linalg.norm(known.moved))
-
     mine = solved(case, Setting(FRAMES), known.load)
-    most = error(mine.moved)
+    most = known.error(mine.moved)
     model = mine.simulation.model
     model.opt.timestep = TIMED_STEP
     mujoco.mj_resetData(model, mine.simulation.data)
@@ -289,29 +285,52 @@ def measure_flex(case: Case, python: str) -> tuple[list[Beside], list[str]]:
     my_rates, found, restless = [], [], []
     with FlexProcess(python) as flex:
         for kind in ORDER:
-            tried: dict[FlexSetting, FlexContender] = {}
-            for setting in (some for some in flex_settings(case, quick=False) if some.dof == kind):
-                if setting.dofs > FLEX_DOFS:
-                    break
-                try:
-                    tried[setting] = flex.solved(case, setting, known.load)
-                except MjframesError as reason:
-                    cells = "×".join(map(str, setting.cells))
-                    restless.append(f"{setting.family}, {cells} cells: {str(reason).removeprefix('flex: ')}")
-                    continue
-                if error(tried[setting].moved) <= most:
-                    break
-            if tried:
-                best = min(tried.values(), key=lambda one: error(one.moved))
+            best, refused = best_flex(case, kind, most, flex)
+            restless += refused
+            if best:
                 rates = []
                 for _ in range(ROUNDS):  # in turns: a machine that is busy for a while is so for both
                     my_rates.append(batch_rate(model, start, FLEX_WORLDS, 1, 40 * FLEX_LEAST))
-                    rates.append(best.batch_rate(FLEX_WORLDS, 1, FLEX_LEAST))
+                    rates.append(best.contender.batch_rate(FLEX_WORLDS, 1, FLEX_LEAST))
                 wall, processor = np.median(rates, axis=0).tolist()
-                found.append(Beside(f"{best.family}, {best.name}", best.dofs, error(best.moved), wall, processor))
+                found.append(Beside(best.name, best.contender.dofs, best.error, wall, processor))
             flex.forget()
     wall, processor = np.median(my_rates, axis=0).tolist()
     return [Beside(f"{FRAMES} frames", mine.dofs, most, wall, processor), *found], restless
+
+
+@dataclass(frozen=True, eq=False)
+class BestFlex:
+    """A flex at rest in a case. error: relative L2 of the displacements."""
+
+    setting: FlexSetting
+    contender: FlexContender
+    error: float
+
+    @property
+    def name(self) -> str:
+        """Return its kind and its cells."""
+        return f"{self.setting.family}, {self.contender.name}"
+
+
+def best_flex(case: Case, kind: str, most: float, flex: FlexProcess) -> tuple[BestFlex | None, list[str]]:
+    """Return the coarsest flex of a kind with an error of at most `most`, or else the most exact one of those that come
+    to rest, if any; and a line of each that does not.
+    """
+    known, found, restless = refined(case), [], []
+    for setting in (some for some in flex_settings(case, quick=False) if some.dof == kind):
+        if setting.dofs > FLEX_DOFS:
+            break
+        try:
+            contender = flex.solved(case, setting, known.load)
+        except MjframesError as reason:
+            cells = "×".join(map(str, setting.cells))
+            restless.append(f"{setting.family}, {cells} cells: {str(reason).removeprefix('flex: ')}")
+            continue
+        found.append(BestFlex(setting, contender, known.error(contender.moved)))
+        if found[-1].error <= most:
+            break
+    return min(found, key=lambda one: one.error, default=None), restless
 
 
 def rate_table(rates: Sequence[Rate]) -> Table:

@@ -86,6 +86,26 @@ class FlexContender:
         return self.process.ask({"do": what, "id": self.number, **values})
 
 
+@dataclass(frozen=True, eq=False)
+class FlexInScene:
+    """A flex in a scene in the other process."""
+
+    dofs: int
+    number: int
+    process: FlexProcess
+
+    def act(
+        self, joints: dict[str, float], turn: Array, position: Array, controls: Array, steps: int
+    ) -> tuple[float, dict[str, int]]:
+        """Return the processor time [s] of so many steps with each of the controls (n, nu), and MuJoCo's warnings.
+
+        joints: their angles at the start.  turn (3, 3), position (3,): of the flex, undeformed, at the start.
+        """
+        order = {"do": "act", "id": self.number, "joints": joints, "turn": turn.tolist(), "steps": steps}
+        answer = self.process.ask(order | {"position": position.tolist(), "controls": controls.tolist()})
+        return answer["seconds"], answer["warned"]
+
+
 class FlexProcess:
     """The other Python. Raise MjframesError where it cannot run, or its MuJoCo is too old."""
 
@@ -141,33 +161,9 @@ class FlexProcess:
         Raise MjframesError where MuJoCo refuses it or it does not come to rest.
         """
         self._count += 1
-        folder = Path(self._folder.name)
-        grid, held = case.grid, case.held
-        corner = grid.index[~held] * grid.spacing + grid.origin
-        np.savez(
-            folder / "job.npz",
-            centers=grid.centers,
-            spacing=grid.spacing,
-            young=grid.young,
-            poisson=grid.per_material("poisson")[grid.material],
-            held=held,
-            load=load,
-            goal=case.goal,
-            mass=np.sum(grid.density[~held]) * grid.cell_volume,
-            low=corner.min(axis=0),
-            high=corner.max(axis=0) + grid.spacing,
-            cells=np.array(setting.cells),
-        )
-        result = folder / "moved.npy"
-        answer = self.ask(
-            {
-                "do": "solve",
-                "job": str(folder / "job.npz"),
-                "dof": setting.dof,
-                "id": self._count,
-                "result": str(result),
-            }
-        )
+        job = self._job(case, setting, load)
+        result = Path(self._folder.name) / "moved.npy"
+        answer = self.ask({"do": "solve", "job": job, "dof": setting.dof, "id": self._count, "result": str(result)})
         return FlexContender(
             name=f"{'×'.join(map(str, setting.cells))} cells",
             family=setting.family,
@@ -180,6 +176,38 @@ class FlexProcess:
             number=self._count,
             process=self,
         )
+
+    def placed(self, case: Case, setting: FlexSetting, scene: Path, contact: str, damping: float) -> FlexInScene:
+        """Return a flex among the other things of a scene (.xml), in the case's coordinates.
+
+        contact: the flexcomp's element <contact …/>.  damping: Rayleigh's β [s].
+        Raise MjframesError where MuJoCo refuses it.
+        """
+        self._count += 1
+        job = self._job(case, setting, np.zeros_like(case.load))
+        order = {"do": "place", "job": job, "dof": setting.dof, "id": self._count, "scene": str(scene)}
+        return FlexInScene(self.ask(order | {"contact": contact, "damping": damping})["dofs"], self._count, self)
+
+    def _job(self, case: Case, setting: FlexSetting, load: Array) -> str:
+        """The file that says what the flex is to be like."""
+        grid, held = case.grid, case.held
+        corner = grid.index[~held] * grid.spacing + grid.origin
+        path = str(Path(self._folder.name) / "job.npz")
+        np.savez(
+            path,
+            centers=grid.centers,
+            spacing=grid.spacing,
+            young=grid.young,
+            poisson=grid.per_material("poisson")[grid.material],
+            held=held,
+            load=load,
+            goal=case.goal,
+            mass=np.sum(grid.density[~held]) * grid.cell_volume,
+            low=corner.min(axis=0),
+            high=corner.max(axis=0) + grid.spacing,
+            cells=np.array(setting.cells),
+        )
+        return path
 
     def forget(self) -> None:
         """Free what was solved."""

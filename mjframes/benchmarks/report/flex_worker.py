@@ -30,7 +30,13 @@ KUHN = list(permutations(range(3)))  # the six tetrahedra of a cube: paths from 
 
 
 class Flex:
-    """One flex that has come to rest."""
+    """One flex that has come to rest.
+
+    contact: the flexcomp's element.  damping: Rayleigh's β [s].
+    """
+
+    contact = '<contact selfcollide="none" contype="0" conaffinity="0"/>'
+    damping = 0.0
 
     def __init__(self, job: dict[str, np.ndarray], dof: str) -> None:
         self.job, self.dof, self.order = job, dof, ORDER[dof]
@@ -90,18 +96,21 @@ class Flex:
         )
         pinned = np.flatnonzero(self.held(points if self.dof == "full" else nodes))
         cellcount = "" if self.dof == "full" else f'cellcount="{" ".join(map(str, self.cells))}"'
+        return self.compiled_with(f"""
+            <flexcomp name="flex" type="direct" dim="3" dof="{self.dof}" {cellcount} mass="{self.job["mass"]}"
+                radius="{self.size.min() * 1e-3}" point="{_text(points.ravel())}" element="{_text(elements)}">
+              <elasticity young="{young!r}" poisson="{poisson!r}" damping="{self.damping!r}"/>
+              {self.contact}
+              {f'<pin id="{_text(pinned)}"/>' if len(pinned) else ""}
+            </flexcomp>""")
+
+    def compiled_with(self, flexcomp: str) -> mujoco.MjModel:
+        """Return the model of a flex alone, in which nothing touches."""
         return mujoco.MjModel.from_xml_string(f"""
             <mujoco>
               <option integrator="discrete" solver="Newton" gravity="0 0 0"><flag contact="disable"/></option>
               <size memory="1G"/>
-              <worldbody>
-                <flexcomp name="flex" type="direct" dim="3" dof="{self.dof}" {cellcount} mass="{self.job["mass"]}"
-                    radius="{self.size.min() * 1e-3}" point="{_text(points.ravel())}" element="{_text(elements)}">
-                  <elasticity young="{young!r}" poisson="{poisson!r}" damping="0"/>
-                  <contact selfcollide="none" contype="0" conaffinity="0"/>
-                  <pin id="{_text(pinned)}"/>
-                </flexcomp>
-              </worldbody>
+              <worldbody>{flexcomp}</worldbody>
             </mujoco>""")
 
     def held(self, points: np.ndarray) -> np.ndarray:
@@ -211,6 +220,41 @@ class Flex:
         np.add.at(self.data.xfrc_applied[:, :3], self.bodies[moving], on_nodes[moving])
 
 
+class Placed(Flex):
+    """One flex among the other things of a scene, as a file has them."""
+
+    def __init__(self, job: dict[str, np.ndarray], dof: str, scene: str, contact: str, damping: float) -> None:
+        self.scene, self.contact, self.damping = Path(scene), contact, damping
+        super().__init__(job, dof)
+
+    def compiled_with(self, flexcomp: str) -> mujoco.MjModel:
+        head, _, tail = self.scene.read_text(encoding="utf-8").rpartition("</worldbody>")
+        option = '<option integrator="discrete" solver="Newton"/><size memory="1G"/>'
+        path = self.scene.with_name("with_flex.xml")
+        path.write_text(
+            f"{head}{flexcomp}</worldbody>{tail.replace('</mujoco>', option + '</mujoco>')}", encoding="utf-8"
+        )
+        return mujoco.MjModel.from_xml_path(str(path))
+
+    def start(self, joints: dict[str, float], turn: np.ndarray, position: np.ndarray) -> None:
+        """Put the flex, undeformed, at a pose of its coordinates, and joints of the scene at their angles."""
+        mujoco.mj_resetData(self.model, self.data)
+        for name, angle in joints.items():
+            self.data.qpos[self.model.joint(name).qposadr[0]] = angle
+        moved = self.rest @ turn.T + position - self.rest
+        first = self.model.jnt_qposadr[self.model.body_jntadr[self.bodies]]
+        self.data.qpos[first[:, None] + np.arange(3)] = moved
+        mujoco.mj_forward(self.model, self.data)
+
+    def act(self, controls: np.ndarray, steps: int) -> float:
+        """Return the processor time [s] of so many steps with each of the controls (n, nu)."""
+        before = time.process_time()
+        for control in controls:
+            self.data.ctrl[:] = control
+            mujoco.mj_step(self.model, self.data, nstep=steps)
+        return time.process_time() - before
+
+
 class Scene:
     """A scene with flexes, from a state shortly after first contact on, with the faster of MuJoCo's two solvers."""
 
@@ -280,6 +324,18 @@ def respond(order: dict[str, Any], flexes: dict[int, Any]) -> dict[str, Any]:
             np.save(order["result"], result.pop("moved"))
             flexes[order["id"]] = flex
             return result | {"dofs": flex.model.nv, "build_seconds": flex.build_seconds, "edited": flex.edited}
+        case "place":
+            with np.load(order["job"]) as file:
+                job = {name: file[name] for name in file.files}
+            flex = Placed(job, order["dof"], order["scene"], order["contact"], order["damping"])
+            flexes[order["id"]] = flex
+            return {"dofs": flex.model.nv, "edited": flex.edited}
+        case "act":
+            flex = flexes[order["id"]]
+            flex.start(order["joints"], np.array(order["turn"]), np.array(order["position"]))
+            seconds = flex.act(np.array(order["controls"]), order["steps"])
+            warned = {mujoco.mjtWarning(i).name: int(w.number) for i, w in enumerate(flex.data.warning) if w.number}
+            return {"seconds": seconds, "warned": warned, "contacts": flex.data.ncon}
         case "step":
             flex = flexes[order["id"]]
             return {"seconds": seconds_per_step(flex.model, flex.data, order["timestep"], order["least"])}

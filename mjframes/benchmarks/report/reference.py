@@ -46,6 +46,10 @@ class Reference:
     change: list[float]
     quantity: list[float]
 
+    def error(self, moved: Array) -> float:
+        """Return the relative L2 distance of displacements (n, 3) from these [-]."""
+        return float(np.linalg.norm(moved - self.moved) / np.linalg.norm(self.moved))
+
 
 def refined(case: Case) -> Reference:
     """Return the reference of a case, computed once, then kept."""
