@@ -82,10 +82,11 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
 
 
 @pytest.mark.dm_control
-def test_a_jaco_arm_lifts_the_steak() -> None:
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_jaco_arm_lifts_the_steak(seed: int) -> None:
     from examples import lift
 
-    found = lift.lift(lift.started(seed=0))
+    found = lift.lift(lift.started(seed))
     assert found.rise > 0.15  # [m], all through the last second
     assert found.clearance > 0.02  # [m] above the block, of the lowest point
     assert found.rewards[0] == 0
