@@ -9,23 +9,12 @@ a step its mass matrix is that of equation (7), M + hC + h²K.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from mjframes.app.recording import Instant
+from mjframes.app.recording import Instant, State
 from mjframes.scene.view import Soft
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """The state that a step starts from: time [s], qpos, qvel, act."""
-
-    time: float
-    qpos: np.ndarray
-    qvel: np.ndarray
-    act: np.ndarray
 
 
 def state_of(data: mujoco.MjData) -> State:
@@ -45,9 +34,6 @@ def measure(
     soft = {name: np.isin(data.contact.geom, body.patches).any(axis=1) for name, body in bodies.items()}
     return Instant(
         time=state.time,
-        qpos=state.qpos,
-        qvel=state.qvel,
-        act=state.act,
         kinetic=kinetic_energy(model, data, state.qvel)
         + sum(float(body.kinetic_difference) for body in bodies.values()),
         potential=float(data.energy[0]),

@@ -12,10 +12,20 @@ NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a nu
 
 
 @dataclass(frozen=True, eq=False)
-class Instant:
-    """One recorded instant.
+class State:
+    """The state that a step starts from: time [s], qpos, qvel, act."""
 
-    time: [s].  qpos, qvel, act: the state.  kinetic, potential: of everything [J].
+    time: float
+    qpos: np.ndarray
+    qvel: np.ndarray
+    act: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """What is measured at an instant.
+
+    time: [s].  kinetic, potential: of everything [J].
     elastic, soft_kinetic: of each soft body, by name [J].  contacts: how many.
     penetration: the deepest in the steps since the instant before, 0 where nothing touched [m].
     normal_force: sum over contacts [N].  soft_force: sum over the contacts of each soft body, by name [N]; one between
@@ -24,9 +34,6 @@ class Instant:
     """
 
     time: float
-    qpos: np.ndarray
-    qvel: np.ndarray
-    act: np.ndarray
     kinetic: float
     potential: float
     elastic: dict[str, float]
@@ -48,12 +55,14 @@ class Instant:
 class Recording:
     """What a run gave.
 
-    instants: at most RECORDS of them, evenly spread.  steps: number of `mj_step` calls.  seconds: wall time in them,
-    NaN where that is not known.  timestep: [s].  weight: of all that moves [N].
+    instants: at most RECORDS of them, evenly spread.  states: at these instants; of a log, those that it has.
+    steps: number of `mj_step` calls.  seconds: wall time in them, NaN where that is not known.  timestep: [s].
+    weight: of all that moves [N].
     log_seconds: wall time that a log took, NaN without one.
     """
 
     instants: tuple[Instant, ...]
+    states: tuple[State, ...]
     steps: int
     seconds: float
     timestep: float

@@ -50,7 +50,7 @@ def state_at(log: Logged, time: float) -> dict[str, Any]:
     Raise MjframesError for a time beyond the log.
     """
     states = log.states()
-    first, last, timestep = states[0]["time"], states[-1]["time"], float(log.about["timestep"])
+    first, last, timestep = states[0]["time"], log.end(), float(log.about["timestep"])
     if not first - timestep <= time <= last + timestep:
         raise MjframesError(f"state is asked for at {time:g} s, but {log.path} goes from {first:g} to {last:g} s.")
     nearest = min(states, key=lambda state: abs(state["time"] - time))

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from rich.progress import track
 
 from mjframes.app.log.options import TOPICS, Log
 from mjframes.app.measure import measure, penetration, state_of, weight_of
-from mjframes.app.recording import Instant, Recording
+from mjframes.app.recording import Instant, Recording, State
 from mjframes.app.ticks import Ticks
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
@@ -26,7 +27,7 @@ from mjframes.scene.packed import pack
 if TYPE_CHECKING:
     from mjframes.app.log.session import Logging
 
-RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of some megabytes
+RECORDS = 5000  # instants kept of a run at most: enough for a plot, and a log of a few megabytes
 
 
 def record(
@@ -59,6 +60,7 @@ def record(
     steps = max(1, round(duration / timestep))
     stride = math.ceil(steps / RECORDS)
     instants: list[Instant] = []
+    states: list[State] = []
     seconds = deepest = 0.0
     with ExitStack() as stack:
         warnings = stack.enter_context(mujoco_warnings())
@@ -72,7 +74,7 @@ def record(
 
             chosen = log if isinstance(log, Log) else Log(log)
             topics = chosen.topics or tuple(topic for topic in TOPICS if topic != "video" or video is not None)
-            files = pack(scene) if scene else {}
+            files = pack(scene, model) if scene else {}
             writer = stack.enter_context(log_file(chosen.path, model, list(bodies), topics, files))
             writer.about({"timestep": timestep, "weight": weight, "mujoco": mujoco.mj_versionString()})
             logging = Logging(writer, topics, chosen.rate, fps, timestep)
@@ -98,6 +100,7 @@ def record(
             kept = step % stride == 0 or step == steps - 1
             if kept:
                 instants.append(measure(model, data, bodies, state, deepest))
+                states.append(state)
                 deepest = 0.0
             if logging is not None:
                 logging.step(model, data, bodies, state, depth, instants[-1] if kept else None)
@@ -106,7 +109,7 @@ def record(
         log_seconds = math.nan
         if logging is not None:
             log_seconds = logging.end({"steps": steps, "seconds": seconds})
-        recording = Recording(tuple(instants), steps, seconds, timestep, weight, log_seconds)
+        recording = Recording(tuple(instants), tuple(states), steps, seconds, timestep, weight, log_seconds)
         if save_plot is not None:
             save_plot(recording)
     return recording
@@ -135,6 +138,7 @@ def _pictures(
         number = find_camera(model, camera)
         name = (model.camera(number).name if number >= 0 else "") or "camera"
         ticks = Ticks(fps, early=model.opt.timestep / 2)
+        times: deque[float] = deque()
 
         def draw(data: mujoco.MjData, now: float) -> None:
             due = ticks.due(now)
@@ -147,9 +151,12 @@ def _pictures(
                     add(picture)
                 begin = time.perf_counter()  # the log costs what the film does not
             if encode is not None and logging is not None:
-                logging.picture(encode(picture), name, now, begin)
+                times.append(now)
+                logging.pictures(encode(picture), name, times, begin)
 
         yield draw
+        if encode is not None and logging is not None:
+            logging.pictures(encode(None), name, times, time.perf_counter())
 
 
 @contextmanager

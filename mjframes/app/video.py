@@ -21,8 +21,9 @@ from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 
 QUALITY = {"crf": "20", "preset": "veryfast"}  # of x264: no visible loss, and faster than the drawing
-# Each picture alone in a packet, as Foxglove needs it, and one a second that can be decoded without those before
-LIVE = {**QUALITY, "tune": "zerolatency", "bf": "0", "x264-params": "repeat-headers=1:annexb=1"}
+# As Foxglove needs it: a picture a packet, in order, one a second that can be decoded without those before; x264's own
+# default of quality, as films of a log are drawn from its states
+LIVE = {**QUALITY, "crf": "23", "bf": "0", "x264-params": "repeat-headers=1:annexb=1"}
 
 Picture = NDArray[np.uint8]
 
@@ -62,9 +63,10 @@ def movie(path: str | os.PathLike[str], fps: float, size: tuple[int, int]) -> It
         container.mux(stream.encode(None))
 
 
-def packets(fps: float, size: tuple[int, int]) -> Callable[[Picture], bytes]:
+def packets(fps: float, size: tuple[int, int]) -> Callable[[Picture | None], list[bytes]]:
     """Return a function that encodes one picture after the other as H.264 in Annex B; arguments as of `film`.
 
+    It returns the packets, one a picture, that are ready: x264 looks some pictures ahead. None for a picture ends it.
     Raise MjframesError as `film` does.
     """
     av = _pyav(fps, size)
@@ -75,8 +77,9 @@ def packets(fps: float, size: tuple[int, int]) -> Callable[[Picture], bytes]:
     codec.gop_size = max(1, round(fps))
     codec.options = LIVE
 
-    def encode(picture: Picture) -> bytes:
-        return b"".join(map(bytes, codec.encode(av.VideoFrame.from_ndarray(picture, format="rgb24"))))
+    def encode(picture: Picture | None) -> list[bytes]:
+        frame = None if picture is None else av.VideoFrame.from_ndarray(picture, format="rgb24")
+        return [bytes(packet) for packet in codec.encode(frame)]
 
     return encode
 

@@ -158,7 +158,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--log-rate",
         type=_factor,
         metavar="HZ",
-        help="entries of the log a simulated second (default: numbers as often as in a plot, the scene as in a film)",
+        help="entries of the log a simulated second (default: numbers as in a plot, states and scene as in a film)",
     )
     command.add_argument(
         "--log-topics",

@@ -1,23 +1,44 @@
-"""A scene with all that it names, to take along: its XML, meshes, textures, height fields, skins."""
+"""A scene with all that it names, to take along: its XML, meshes, textures, height fields, skins.
+
+MuJoCo writes six digits of a number into XML. Where pictures are to be the same to the pixel, the model's own numbers
+go along as well.
+"""
 
 from __future__ import annotations
 
+import functools
+import io
 import os
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 
 from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings, sentence
 
 SCENE = "scene.xml"  # name of the scene among its files
+NUMBERS = "numbers.npz"  # of the model, those that its XML does not give
+PARTS = (
+    "",
+    "opt",
+    "stat",
+    "vis.global_",
+    "vis.headlight",
+    "vis.map",
+    "vis.rgba",
+    "vis.scale",
+)  # of a model, with numbers
 
 
-def pack(spec: mujoco.MjSpec) -> dict[str, bytes]:
+def pack(spec: mujoco.MjSpec, model: mujoco.MjModel | None = None) -> dict[str, bytes]:
     """Return a compiled spec's files by name: SCENE, and those that it names, which it finds beside itself.
 
+    model: what the spec was compiled to, as it is now; its numbers go along as NUMBERS.
     Raise MjframesError for a file that is not there any more.
     """
     try:
@@ -25,7 +46,8 @@ def pack(spec: mujoco.MjSpec) -> dict[str, bytes]:
         files = _take_along(root, spec)
     except (OSError, ValueError) as error:
         raise MjframesError(f"the scene cannot be packed ({' '.join(str(error).split())}).") from error
-    return {SCENE: ElementTree.tostring(root), **files}
+    files = {SCENE: ElementTree.tostring(root), **files}
+    return files if model is None else {**files, NUMBERS: _differing(model, unpack(files, "the scene"))}
 
 
 def unpack(files: Mapping[str, bytes], where: str) -> mujoco.MjModel:
@@ -35,12 +57,54 @@ def unpack(files: Mapping[str, bytes], where: str) -> mujoco.MjModel:
     """
     if SCENE not in files:
         raise MjframesError(f"{where}: there is no scene in it; record with scene=…, which takes the MjSpec.")
-    others = {name: content for name, content in files.items() if name != SCENE}
+    others = {name: content for name, content in files.items() if name not in (SCENE, NUMBERS)}
     with mujoco_warnings() as warnings:
         try:
-            return mujoco.MjSpec.from_string(files[SCENE].decode(), assets=others).compile()
+            model = mujoco.MjSpec.from_string(files[SCENE].decode(), assets=others).compile()
         except (ValueError, mujoco.FatalError) as error:
             raise MjframesError(f"{where}: MuJoCo cannot load its scene ({sentence(error, warnings)}).") from error
+    if NUMBERS in files:
+        try:
+            _set_numbers(model, files[NUMBERS])
+        except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            raise MjframesError(f"{where}: the numbers of its scene are damaged ({error}).") from error
+    return model
+
+
+def _differing(model: mujoco.MjModel, other: mujoco.MjModel) -> bytes:
+    """Return the numbers of a model in which another of its size differs, as .npz."""
+    theirs, stream = dict(_numbers(other)), io.BytesIO()
+    # arrays of other sizes are what MuJoCo prepares, as octrees
+    mine = {name: value for name, value in _numbers(model) if theirs[name].shape == value.shape}
+    found: dict[str, Any] = {name: value for name, value in mine.items() if not np.array_equal(value, theirs[name])}
+    np.savez(stream, **found)
+    return stream.getvalue()
+
+
+def _numbers(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
+    """Each number and array of floats of a model, by its path."""
+    for part in PARTS:
+        owner = _part(model, part)
+        for name in dir(owner):
+            value = None if name.startswith("_") else getattr(owner, name)
+            if isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
+                yield ".".join(filter(None, [part, name])), np.asarray(value)
+
+
+def _set_numbers(model: mujoco.MjModel, content: bytes) -> None:
+    """Set those that `_differing` wrote.  Raise ValueError, EOFError or AttributeError where it did not."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        for path in file.files:
+            part, _, name = path.rpartition(".")
+            if file[path].ndim:
+                getattr(_part(model, part), name)[...] = file[path]
+            else:
+                setattr(_part(model, part), name, float(file[path]))
+
+
+def _part(model: mujoco.MjModel, path: str) -> Any:
+    """What belongs to a model, by its path."""
+    return functools.reduce(getattr, path.split("."), model) if path else model
 
 
 def _take_along(root: ElementTree.Element, spec: mujoco.MjSpec) -> dict[str, bytes]:

@@ -128,8 +128,9 @@ def test_video_log_and_plot(tmp_path: Path) -> None:
     assert video.read_bytes().find(b"moov") < video.read_bytes().find(b"mdat")  # streams at once
     assert plot.read_bytes().startswith(b"\x89PNG")
 
-    states = read_log(log).messages["/state"]
-    assert [message["time"] for message in states] == [i.time for i in recording.instants]
+    messages = read_log(log).messages
+    assert [message["time"] for message in messages["/energy"]] == [i.time for i in recording.instants]
+    assert len(messages["/state"]) == 11  # of each frame, and the last
 
 
 def test_a_diverging_simulation_leaves_nothing(tmp_path: Path) -> None:
@@ -253,12 +254,12 @@ def test_the_energy_of_stiff_strains_alarms_nobody() -> None:
     """5 kJ of a body of 10¹¹ Pa that one step strained by a millionth; and a real gain, which is told."""
 
     def told(*energies: tuple[float, float, float]) -> str:
-        still, none = np.zeros(1), {"soft": 0.0}
+        none = {"soft": 0.0}
         instants = [
-            Instant(0.0, still, still, still, kinetic, potential, {"soft": elastic}, none, 0, 0.0, 0.0, none, 0.0, 0.0)
+            Instant(0.0, kinetic, potential, {"soft": elastic}, none, 0, 0.0, 0.0, none, 0.0, 0.0)
             for kinetic, potential, elastic in energies
         ]
-        return summary(Recording(tuple(instants), 3, 0.5, 0.002, 20.0)).splitlines()[-1]
+        return summary(Recording(tuple(instants), (), 3, 0.5, 0.002, 20.0)).splitlines()[-1]
 
     assert told((0, 10, 0), (3, 7, 5e3), (0, 6, 0)) == (
         "energy        4 J moved; kinetic and potential energy are 4 J less at the end than at the start, "
@@ -315,9 +316,9 @@ def test_summary_tells_the_numbers() -> None:
     first = record(model_of(SCENE), 0.004).instants[0]
     depths = [0.003] + [0.001] * 999
     instants = tuple(replace(first, time=0.002 * k, penetration=depth) for k, depth in enumerate(depths))
-    text = summary(Recording(instants, 1000, 0.5, 0.002, 20.0))
+    text = summary(Recording(instants, (), 1000, 0.5, 0.002, 20.0))
     assert "2000 steps/s, 4.00 × real time" in text
     assert "3.000 mm at most, 1.000 mm in the last second" in text
     assert "log " not in text
-    text = summary(Recording(instants, 1000, 0.5, 0.002, 20.0, log_seconds=0.02))
+    text = summary(Recording(instants, (), 1000, 0.5, 0.002, 20.0, log_seconds=0.02))
     assert text.endswith("log           20.0 µs a step")

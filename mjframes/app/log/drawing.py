@@ -1,12 +1,13 @@
 """A scene as Foxglove's 3D panel draws it: its schemas `SceneUpdate` and `FrameTransforms`.
 
 Rigid geoms are said once, each in the frame of its body, and go where the transforms take that. Skins are said anew in
-every message, deformed, in the frame of the world.
+every message, deformed, in the frame of the world, with some of their vertices only (`coarse`) and these rounded: they
+are to be looked at, while films are drawn from states.
 """
 
 from __future__ import annotations
 
-import functools
+import math
 from collections.abc import Callable
 
 import mujoco
@@ -26,12 +27,15 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from mjframes.app.drawn import drawn_geoms, geom_color, plane_size, skin_color, skin_faces, skin_vertices, surface
+from mjframes.app.drawn import drawn_geoms, geom_color, plane_size, skin_color, skin_vertices, surface
+from mjframes.app.log.coarse import coarse_skins
 from mjframes.app.log.numbers import nanoseconds_of
 
 WORLD = "world"
 HEAD = 0.25  # [-] of an arrow's length that is its head
 RED = (0.9, 0.2, 0.1, 1.0)
+VERTICES = 1000  # of the skins of a body, about: a steak of 0.25 m stays within 3 mm
+ROUNDING = 1e-3  # [-] of the size of all skins at rest, at most: between vertices' places, which then compress
 
 # One Point3 of the field `points` in protobuf's wire format: a thousand of them take 0.1 ms so, 5 ms as objects
 POINT = np.dtype(
@@ -81,14 +85,38 @@ def rigid_scene(model: mujoco.MjModel) -> SceneUpdate:
     return SceneUpdate(entities=entities.values())
 
 
-def soft_scene(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene, time: float) -> SceneUpdate:
-    """Return the skins as they are deformed, one entity each.  scene: of MuJoCo's visualization, for the model."""
-    entities = []
-    for skin, vertices in enumerate(skin_vertices(model, data, scene)):
-        triangles = TriangleListPrimitive.FromString(point_bytes(vertices) + _skin(model, skin))
-        name = model.skin(skin).name or f"skin_{skin}"
-        entities.append(SceneEntity(timestamp=timestamp(time), frame_id=WORLD, id=name, triangles=[triangles]))
-    return SceneUpdate(entities=entities)
+class Skins:
+    """The skins of a model that has some, as a log has them."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._scene = model, mujoco.MjvScene(model, 0)
+        self._names = [model.skin(skin).name or f"skin_{skin}" for skin in range(model.nskin)]
+        coarse = coarse_skins(model, VERTICES)
+        self._vertices = [skin.vertices for skin in coarse]
+        self._constant = [  # what does not change of their triangles, serialized
+            TriangleListPrimitive(
+                indices=own.faces.ravel().tolist(), color=_color(skin_color(model, skin))
+            ).SerializeToString()
+            for skin, own in enumerate(coarse)
+        ]
+        size = np.ptp(model.skin_vert, axis=0).max()
+        self._grid = 2.0 ** math.floor(math.log2(ROUNDING * size)) if size > 0 else 1.0  # a power of 2: few bits
+
+    def update(self, data: mujoco.MjData, time: float) -> SceneUpdate:
+        """Return the skins as they are deformed, one entity each."""
+        places = np.round(np.concatenate(skin_vertices(self._model, data, self._scene)) / self._grid) * self._grid
+        places += 0.0  # no −0, which differs from 0 in its bits
+        return SceneUpdate(
+            entities=[
+                SceneEntity(
+                    timestamp=timestamp(time),
+                    frame_id=WORLD,
+                    id=name,
+                    triangles=[TriangleListPrimitive.FromString(point_bytes(places[vertices]) + constant)],
+                )
+                for name, vertices, constant in zip(self._names, self._vertices, self._constant, strict=True)
+            ]
+        )
 
 
 def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> SceneUpdate:
@@ -123,19 +151,6 @@ def point_bytes(points: np.ndarray) -> bytes:
         table[f"{axis}_tag"] = bytes([number << 3 | 1])  # eight bytes follow
         table[axis] = points[:, number - 1]
     return table.tobytes()
-
-
-def _skin(model: mujoco.MjModel, skin: int) -> bytes:
-    """Return what does not change of a skin's triangles, serialized."""
-    color = tuple(map(float, skin_color(model, skin)))
-    return _triangles(skin_faces(model, skin).ravel().astype("<u4").tobytes(), color)
-
-
-@functools.lru_cache(maxsize=64)
-def _triangles(indices: bytes, color: tuple[float, ...]) -> bytes:
-    """Return a serialized TriangleListPrimitive without points; kept, as it is the same in every message."""
-    faces = np.frombuffer(indices, "<u4").tolist()
-    return TriangleListPrimitive(indices=faces, color=_color(color)).SerializeToString()
 
 
 def _plane(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:

@@ -11,12 +11,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjframes.app.recording import Instant
+from mjframes.app.recording import Instant, State
 
 NUMBERS = {"type": "array", "items": {"type": "number"}}
 FIELDS: dict[str, dict[str, Any]] = {
-    "state": {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS, "speed": "m/s, of the fastest body"},
-    "energy": {"kinetic": "J", "potential": "J, gravity and springs", "elastic": "J", "total": "J"},
+    "state": {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS},
+    "energy": {
+        "kinetic": "J",
+        "potential": "J, gravity and springs",
+        "elastic": "J",
+        "total": "J",
+        "speed": "m/s, of the fastest body",
+    },
     "contacts": {
         "count": "contacts",
         "penetration": "m, deepest since the message before",
@@ -48,17 +54,16 @@ def sensor_fields(model: mujoco.MjModel) -> dict[str, Any]:
     return {name: "as MuJoCo has it" if size == 1 else NUMBERS for name, size in sizes}
 
 
+def state_message(state: State) -> dict[str, Any]:
+    """Return what a state says in its topic."""
+    return {"qpos": state.qpos.tolist(), "qvel": state.qvel.tolist(), "act": state.act.tolist()}
+
+
 def messages(instant: Instant) -> dict[str, dict[str, Any]]:
     """Return what an instant says in each topic."""
     energy = {"kinetic": instant.kinetic, "potential": instant.potential, "elastic": sum(instant.elastic.values())}
     return {
-        "/state": {
-            "qpos": instant.qpos.tolist(),
-            "qvel": instant.qvel.tolist(),
-            "act": instant.act.tolist(),
-            "speed": instant.speed,
-        },
-        "/energy": {**energy, "total": instant.total},
+        "/energy": {**energy, "total": instant.total, "speed": instant.speed},
         "/contacts": {
             "count": instant.contacts,
             "penetration": instant.penetration,
@@ -96,13 +101,10 @@ def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
     Raise KeyError for a topic or field that is missing, ValueError for topics of different lengths.
     """
     soft = {topic.removeprefix("/soft/"): found for topic, found in logged.items() if topic.startswith("/soft/")}
-    rows = zip(logged["/state"], logged["/energy"], logged["/contacts"], strict=True)
+    rows = zip(logged["/energy"], logged["/contacts"], strict=True)
     return tuple(
         Instant(
-            time=state["time"],
-            qpos=np.array(state["qpos"], float),
-            qvel=np.array(state["qvel"], float),
-            act=np.array(state["act"], float),
+            time=energy["time"],
             kinetic=energy["kinetic"],
             potential=energy["potential"],
             elastic={name: found[k]["elastic"] for name, found in soft.items()},
@@ -112,9 +114,9 @@ def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
             normal_force=contacts["normal_force"],
             soft_force={name: found[k]["normal_force"] for name, found in soft.items()},
             rigid_force=contacts["rigid_force"],
-            speed=state["speed"],
+            speed=energy["speed"],
         )
-        for k, (state, energy, contacts) in enumerate(rows)
+        for k, (energy, contacts) in enumerate(rows)
     )
 
 

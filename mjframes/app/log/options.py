@@ -16,8 +16,8 @@ class Log:
     """A log to write.
 
     path: of the file (.mcap).
-    rate: entries a second of simulated time [Hz]. Unless given, numbers are logged as often as a recording keeps them
-    and the scene as often as a film has frames; the video always is.
+    rate: entries a second of simulated time [Hz]. Unless given, numbers are logged as often as a recording keeps them,
+    states and the scene as often as a film has frames, and the last state; the video always is as a film.
     topics: some of TOPICS; all of them unless given, the video only where a film is made as well.
     Raise MjframesError for a rate that is none and for unknown topics.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 import math
 import os
 import struct
@@ -11,10 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from mjframes.app.log.numbers import instants
 from mjframes.app.log.worlds import WORLD, world_of
-from mjframes.app.log.write import METADATA
-from mjframes.app.recording import Recording
+from mjframes.app.log.write import METADATA, attached
+from mjframes.app.recording import Recording, State
 from mjframes.base.errors import MjframesError
 
 
@@ -36,10 +39,8 @@ class Logged:
 
     def states(self) -> list[dict[str, Any]]:
         """Return the messages of /state.  Raise MjframesError where there are none."""
+        self._of_one()
         found = self.messages.get("/state", [])
-        if self.worlds:
-            several = f"{self.worlds[0]} to {self.worlds[-1]}"
-            raise MjframesError(f"{self.path}: the log is of the worlds {several}; choose one, with --world.")
         if not found:
             raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
         return found
@@ -49,20 +50,32 @@ class Logged:
 
         Raise MjframesError where the log has not all topics that it takes.
         """
-        states = self.states()
+        self._of_one()
         for topic in ("energy", "contacts"):
             if f"/{topic}" not in self.messages:
                 raise MjframesError(f"{self.path}: the log has no {topic}; log a run with the topic {topic}.")
         # a log cut off between two topics of an instant has one message less of the later ones
-        count = min(len(found) for topic, found in self.messages.items() if topic != "/sensors")
+        count = min(len(found) for topic, found in self.messages.items() if topic not in ("/state", "/sensors"))
         timestep = float(self.about["timestep"])
+        measured = instants({topic: found[:count] for topic, found in self.messages.items()})
         return Recording(
-            instants({topic: found[:count] for topic, found in self.messages.items()}),
-            steps=int(self.about.get("steps", round(states[count - 1]["time"] / timestep) + 1)),
+            measured,
+            tuple(map(_state, self.messages.get("/state", []))),
+            steps=int(self.about.get("steps", round(measured[-1].time / timestep) + 1)),
             seconds=float(self.about.get("seconds", math.nan)),
             timestep=timestep,
             weight=float(self.about["weight"]),
         )
+
+    def end(self) -> float:
+        """Return the last time that a message tells of [s].  Raise MjframesError where there are none."""
+        self._of_one()
+        return max(found[-1]["time"] for found in self.messages.values())
+
+    def _of_one(self) -> None:
+        if self.worlds:
+            several = f"{self.worlds[0]} to {self.worlds[-1]}"
+            raise MjframesError(f"{self.path}: the log is of the worlds {several}; choose one, with --world.")
 
 
 def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
@@ -94,11 +107,12 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
                     elif isinstance(record, Message) and record.channel_id in topics:
                         messages[topics[record.channel_id]].append(json.loads(record.data))
                     elif isinstance(record, Attachment):
-                        files[record.name] = record.data
+                        name, content = attached(record.name, record.data)
+                        files[name] = content
                     elif isinstance(record, Metadata) and _concerns(record.name, record.metadata, world):
                         about |= record.metadata
                 whole = True
-            except (McapError, ValueError, struct.error, ZstdError) as error:
+            except (McapError, ValueError, struct.error, ZstdError, lzma.LZMAError) as error:
                 if stream.read(1):  # else the file ends within a record: it was cut off
                     raise MjframesError(
                         f"{path}: not a log that mjframes wrote, or a damaged one ({error})."
@@ -111,6 +125,10 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
         known = f"those of {min(worlds)} to {max(worlds)}" if worlds else "none, it is of one run"
         raise MjframesError(f"{path}: world is {world}, but the log has {known}.")
     return Logged(os.fspath(path), dict(messages), files, about, whole, tuple(sorted(worlds)) if world is None else ())
+
+
+def _state(message: Mapping[str, Any]) -> State:
+    return State(message["time"], *(np.array(message[key], float) for key in ("qpos", "qvel", "act")))
 
 
 def _concerns(name: str, metadata: Mapping[str, str], world: int | None) -> bool:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import mujoco
 
 from mjframes.app.log.write import LogWriter
-from mjframes.app.measure import State, measure
-from mjframes.app.recording import Instant
+from mjframes.app.measure import measure
+from mjframes.app.recording import Instant, State
 from mjframes.app.ticks import Ticks
 from mjframes.scene.view import Soft
 
@@ -18,8 +19,8 @@ from mjframes.scene.view import Soft
 class Logging:
     """The log of a run.
 
-    topics: some of `options.TOPICS`.  rate: entries a second, see `options.Log`.  fps: of the scene unless there is a
-    rate [Hz].  timestep: of the simulation [s].
+    topics: some of `options.TOPICS`.  rate: entries a second, see `options.Log`.  fps: of states and the scene unless
+    there is a rate [Hz].  timestep: of the simulation [s].
     """
 
     def __init__(
@@ -28,7 +29,8 @@ class Logging:
         self.has_video = "video" in topics
         self._writer, self._has_scene = writer, "scene" in topics
         self._numbers = Ticks(rate, early=timestep / 2) if rate else None
-        self._scenes = Ticks(rate or fps, early=timestep / 2)
+        self._states = Ticks(rate or fps, early=timestep / 2)
+        self._last: State | None = None  # where it is not logged yet
         self._deepest, self._seconds = 0.0, 0.0
 
     def step(
@@ -54,16 +56,27 @@ class Logging:
             instant = replace(kept or measure(model, data, bodies, state, depth), penetration=self._deepest)
             self._writer.numbers(instant, data)
             self._deepest = 0.0
-        if self._has_scene and self._scenes.due(state.time):
-            self._writer.scene(data, state.time)
+        self._last = state
+        if self._states.due(state.time):
+            self._writer.state(state)
+            self._last = None
+            if self._has_scene:
+                self._writer.scene(data, state.time)
         self._seconds += time.perf_counter() - start
 
-    def picture(self, packet: bytes, camera: str, now: float, start: float) -> None:
-        """Log a picture.  start: since when it has been worked on, by `time.perf_counter` [s]."""
-        self._writer.video(packet, camera, now)
+    def pictures(self, packets: list[bytes], camera: str, times: deque[float], start: float) -> None:
+        """Log the pictures that are encoded.
+
+        times: at which those not logged yet were drawn [s]; what is logged goes.
+        start: since when there was work on them, by `time.perf_counter` [s].
+        """
+        for packet in packets:
+            self._writer.video(packet, camera, times.popleft())
         self._seconds += time.perf_counter() - start
 
     def end(self, facts: Mapping[str, object]) -> float:
-        """Log facts of the run that are known at its end.  Return the wall time that the log took [s]."""
+        """Log the last state and facts of the run that are known at its end.  Return the wall time of the log [s]."""
+        if self._numbers is None and self._last is not None:
+            self._writer.state(self._last)
         self._writer.about(facts)
         return self._seconds

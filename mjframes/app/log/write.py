@@ -1,13 +1,14 @@
 """Writing logs: MCAP in zstd chunks with indexes, which grow on the disk while the simulation runs.
 
 Beside the topics of `numbers`: /tf (FrameTransforms), /scene/rigid (SceneUpdate, said once), /scene/soft and
-/scene/forces (SceneUpdate), /video (CompressedVideo). Attached are the scene's XML and the files that it names. All is
-SI; the log time of a message is the simulated time.
+/scene/forces (SceneUpdate), /video (CompressedVideo). Attached, compressed, are the scene's XML and the files that it
+names. All is SI; the log time of a message is the simulated time.
 """
 
 from __future__ import annotations
 
 import json
+import lzma
 import os
 import time
 from collections.abc import Collection, Iterator, Mapping
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 
-from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, sensor_message
+from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, sensor_message, state_message
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 
@@ -25,10 +26,13 @@ if TYPE_CHECKING:
 
     from mcap.writer import Writer
 
-    from mjframes.app.recording import Instant
+    from mjframes.app.log.drawing import Skins
+    from mjframes.app.recording import Instant, State
 
 METADATA = "mjframes"  # name of the records of what the run was
-FLUSH = 1.0  # [s] of wall time: so much of a run that is killed may be missing
+FLUSH = 5.0  # [s] of wall time: so much of a run that is killed may be missing
+CHUNK = 1 << 22  # [bytes] of messages, at most: the triangles, the same in all of them, are packed once in each
+PACKED = ".xz"  # ending of attachments
 
 
 class LogWriter:
@@ -41,12 +45,13 @@ class LogWriter:
         self._flushed = time.monotonic()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._skins = mujoco.MjvScene(model, 0) if "scene" in topics and model.nskin else None
+        self._skins: Skins | None = None
         for topic, schema in schemas(model, soft_names, topics).items():
             self._register(topic, "json", schema["title"], lambda s=schema: self._json_schema(s))
         if "scene" in topics:
-            from mjframes.app.log.drawing import rigid_scene
+            from mjframes.app.log.drawing import Skins, rigid_scene
 
+            self._skins = Skins(model) if model.nskin else None
             self._write_drawing("/scene/rigid", 0.0, rigid_scene(model))
 
     def numbers(self, instant: Instant, data: mujoco.MjData) -> None:
@@ -58,13 +63,19 @@ class LogWriter:
             if topic in self._channels:
                 self._write(topic, instant.time, json.dumps({"time": instant.time, **message}).encode())
 
+    def state(self, state: State) -> None:
+        """Log a state, if that is a topic."""
+        if "/state" in self._channels:
+            message = {"time": state.time, **state_message(state)}
+            self._write("/state", state.time, json.dumps(message).encode())
+
     def scene(self, data: mujoco.MjData, now: float) -> None:
         """Log where bodies are, the skins and the contact forces.  now: the data's time [s]."""
         from mjframes.app.log import drawing
 
         self._write_drawing("/tf", now, drawing.transforms(self._model, data, now))
         if self._skins is not None:
-            self._write_drawing("/scene/soft", now, drawing.soft_scene(self._model, data, self._skins, now))
+            self._write_drawing("/scene/soft", now, self._skins.update(data, now))
         self._write_drawing("/scene/forces", now, drawing.contact_forces(self._model, data, now))
 
     def video(self, picture: bytes, camera: str, now: float) -> None:
@@ -127,9 +138,19 @@ def log_file(
             f'a log needs {error.name}, which is not installed; pip install "mjframes[log]".'
         ) from error
     with replacing(path, "the log") as partial, partial.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, CHUNK)
         writer.start(profile="", library="mjframes")
-        for name, content in files.items():
-            writer.add_attachment(0, 0, name, "application/xml" if name.endswith(".xml") else "", content)
+        attach(writer, files)
         yield LogWriter(writer, model, soft_names, topics)
         writer.finish()
+
+
+def attach(writer: Writer, files: Mapping[str, bytes]) -> None:
+    """Attach files by name, compressed."""
+    for name, content in files.items():
+        writer.add_attachment(0, 0, name + PACKED, "application/x-xz", lzma.compress(content))
+
+
+def attached(name: str, content: bytes) -> tuple[str, bytes]:
+    """Return name and content of a file that `attach` made an attachment of.  Raise lzma.LZMAError for others."""
+    return name.removesuffix(PACKED), lzma.decompress(content)
