@@ -19,6 +19,7 @@ from scipy import sparse
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.threads import in_parallel
+from mjframes.frames.distance import more
 from mjframes.volume.grid import Grid
 from mjframes.weights.weights import frame_count
 
@@ -103,7 +104,8 @@ def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np
     weights: (n, f).
     """
     label = np.empty(len(weights.indptr) - 1, np.int32)
-    first = _number_sets(weights.indptr, weights.indices, label)
+    # SciPy chooses the integers by the size: of one type they are compiled for once
+    first = _number_sets(weights.indptr.astype(np.int64), weights.indices.astype(np.int32), label)
     return label, weights[first].toarray() > 0
 
 
@@ -208,9 +210,7 @@ def _sort_by_label(label: NDArray[np.int32], begin: NDArray[np.integer], voxels:
 
 
 @njit(cache=True, nogil=True)
-def _number_sets(
-    indptr: NDArray[np.integer], indices: NDArray[np.integer], label: NDArray[np.int32]
-) -> NDArray[np.int64]:
+def _number_sets(indptr: NDArray[np.int64], indices: NDArray[np.int32], label: NDArray[np.int32]) -> NDArray[np.int64]:
     """Number the rows' sets of columns; return the first row of each."""
     slots = 1024
     number = np.full(slots, -1, np.int64)
@@ -231,7 +231,7 @@ def _number_sets(
             count += 1
         label[v] = number[at]
         if count == len(first):  # half full
-            first = np.concatenate((first, np.empty(count, np.int64)))
+            first = more(first)
             slots *= 2
             number = np.full(slots, -1, np.int64)
             for e in range(count):

@@ -44,7 +44,9 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
     size, middle, material = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count, np.int64)
     _sum_up(grid.index, grid.material, cluster, size, middle, material)
     compliance = grid.per_material("compliance")[material]
-    first, second = _pairs(grid.index, grid.padded, cluster)
+    key = _pairs(grid.index, grid.padded, cluster)
+    pairs = np.sort(key[key >= 0])
+    first, second = pairs >> 32, pairs & 0xFFFFFFFF
     lengths = np.linalg.norm((middle[second] - middle[first]) * grid.spacing, axis=1)
     start, neighbour, cost = _rows(count, first, second, edge_costs(lengths, compliance[first], compliance[second]))
     return ClusterGraph(cluster, size, middle, compliance, start, neighbour, cost)
@@ -52,7 +54,7 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
 
 @njit(cache=True, nogil=True)
 def improve(
-    graph: ClusterGraph, sources: NDArray[np.integer], distance: NDArray[np.float64], label: NDArray[np.int32]
+    graph: ClusterGraph, sources: NDArray[np.int32], distance: NDArray[np.float64], label: NDArray[np.int32]
 ) -> None:
     """Run Dijkstra's algorithm in place, from `sources` of new distance and label; ties go to the smaller label."""
     heap = np.empty(len(distance), np.int32)
@@ -185,15 +187,17 @@ def _sum_up(
         for axis in range(3):
             mean[a, axis] += index[v, axis]
     for a in range(len(size)):
-        mean[a] /= size[a]
+        for axis in range(3):
+            mean[a, axis] /= size[a]
 
 
 @njit(cache=True, nogil=True)
-def _pairs(
-    index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of different clusters with adjacent voxels, each once, from a hash set."""
-    slots = 1 << 12
+def _pairs(index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the pairs of different clusters with adjacent voxels, each once, as a hash set of 2³² first + second.
+
+    Slots that are free have −1.
+    """
+    slots = np.int64(1 << 12)
     key = np.full(slots, -1, np.int64)
     count = 0
     for v in range(len(cluster)):
@@ -225,8 +229,7 @@ def _pairs(
                         larger[at] = key[e]
                 key = larger
                 slots *= 2
-    pairs = np.sort(key[key >= 0])
-    return pairs >> 32, pairs & 0xFFFFFFFF
+    return key
 
 
 @njit(cache=True, nogil=True)
@@ -244,7 +247,8 @@ def _rows(
     for e in range(len(first)):
         start[first[e] + 1] += 1
         start[second[e] + 1] += 1
-    start = np.cumsum(start)
+    for u in range(count):
+        start[u + 1] += start[u]
     neighbour, costs = np.empty(start[-1], np.int32), np.empty(start[-1])
     filled = start[:-1].copy()
     for e in range(len(first)):

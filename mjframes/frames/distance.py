@@ -120,13 +120,13 @@ def nearest_sources(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0,
     """
     n = len(graph.cell)
     ids = graph.node[np.atleast_1d(np.asarray(sources, np.int64))]
-    distance, rank = np.full(n, np.inf), np.full(n, -1, np.int32)
+    distance, rank = np.full(n, np.inf), np.full(n, -1.0)
     visited = np.empty(n, np.int32)
     costs = np.array(np.broadcast_to(np.asarray(cost, np.float64), ids.shape))
-    labels = np.array(np.broadcast_to(np.asarray(label, np.int32), ids.shape))
+    labels = np.array(np.broadcast_to(np.asarray(label, np.float64), ids.shape))
     count = _offer_all(ids, costs, labels, distance, rank, visited)
-    sweep(graph, None, None, False, distance, rank, visited, count)
-    return Reached(distance, rank)
+    sweep(graph, np.empty(0, np.int32), np.empty(0), False, distance, rank, visited, count)
+    return Reached(distance, rank.astype(np.int32))
 
 
 def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0, cost: ArrayLike = 0.0) -> Reached:
@@ -138,11 +138,11 @@ def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike 
 @njit(cache=True, nogil=True)
 def sweep(
     graph: VoxelGraph,
-    zone: NDArray[np.int32] | None,
-    bound: NDArray[np.float64] | None,
-    cut: bool,
+    zone: NDArray[np.int32],
+    bound: NDArray[np.float64],
+    cut: bool | np.bool_,
     distance: NDArray[np.float64],
-    rank: NDArray[np.int32] | NDArray[np.float64],
+    rank: NDArray[np.float64],
     visited: NDArray[np.int32],
     count: int,
 ) -> int:
@@ -150,9 +150,13 @@ def sweep(
 
     distance: (n,) inf where unvisited.  rank: (n,) carried from the source; at equal distance the smaller wins.
     visited: (n,) int32, gets the nodes visited.
-    zone: (n,) or None: paths stay among nodes of equal zone.  bound: (n,) [m/Pa] or None: only smaller distances count.
+    zone: (n,) or empty: paths stay among nodes of equal zone.
+    bound: (n,) [m/Pa] or empty: only smaller distances count.
     cut: paths are not continued from where the distance is −rank or more.
+
+    Numba compiles this anew for each combination of types, and for literal numbers and bools: callers have the same.
     """
+    zoned, bounded = len(zone) > 0, len(bound) > 0
     scale = 1.0 / graph.width
     one_material, uniform = len(graph.cost) == 1, graph.cost[0, :, 0].copy()
     mask = graph.slots - 1
@@ -161,7 +165,7 @@ def sweep(
     link: Any = np.arange(1, 1025).astype(np.int32)  # to the next entry, of a bucket or among the free ones
     link[-1] = -1
     free = 0
-    heap_key, heap_item, heap_size = np.empty(64), np.empty(64, np.int32), 0
+    heap_key, heap_item, heap_size = np.empty(64), np.empty(64, np.int32), np.int64(0)
     first = visited[:count].copy()
     begin = distance[first]
     order = np.argsort(begin)
@@ -222,12 +226,12 @@ def sweep(
                     d = du + (uniform[k] if one_material else costs[k, graph.material[v]])
                     if d > old:
                         continue
-                    if zone is not None and zone[v] != zone[u]:
+                    if zoned and zone[v] != zone[u]:
                         continue
                     if d == old:
                         rank[v] = min(rank[v], ru)
                         continue
-                    if bound is not None and d >= bound[v]:
+                    if bounded and d >= bound[v]:
                         continue
                     distance[v] = d
                     rank[v] = ru
@@ -244,7 +248,7 @@ def sweep(
                         heap_size = _heap_push(heap_key, heap_item, heap_size, d, v)
                         continue
                     if free < 0:
-                        item, link = _more(item), _more(link)
+                        item, link = more(item), more(link)
                         free = len(item) // 2
                         for e in range(free, len(item)):
                             link[e] = e + 1
@@ -265,7 +269,7 @@ def offer(
     d: Any,
     r: float,
     distance: NDArray[np.float64],
-    rank: NDArray[np.int32] | NDArray[np.float64],
+    rank: NDArray[np.float64],
     visited: NDArray[np.int32],
     count: int,
 ) -> int:
@@ -284,21 +288,23 @@ def offer(
 def _offer_all(
     ids: NDArray[np.int32],
     costs: NDArray[np.float64],
-    labels: NDArray[np.int32],
+    labels: NDArray[np.float64],
     distance: NDArray[np.float64],
-    rank: NDArray[np.int32],
+    rank: NDArray[np.float64],
     visited: NDArray[np.int32],
 ) -> int:
-    count = 0
+    count = np.int64(0)
     for s in range(len(ids)):
         count = offer(ids[s], costs[s], labels[s], distance, rank, visited, count)
     return count
 
 
 @njit(cache=True, nogil=True)
-def _more(array: Any) -> Any:
+def more(array: Any) -> Any:
+    """Return an array twice as long that begins with a given one."""
     larger = np.empty(2 * len(array), array.dtype)
-    larger[: len(array)] = array
+    for k in range(len(array)):  # to assign a slice takes 2 s to compile
+        larger[k] = array[k]
     return larger
 
 
@@ -309,7 +315,7 @@ def _room(
     """Return the heap's arrays with room for one entry more."""
     if size < len(key):
         return key, item
-    return _more(key), _more(item)
+    return more(key), more(item)
 
 
 @njit(cache=True, nogil=True)
@@ -358,7 +364,9 @@ def _collapse(
     """Return the image of nodes, the node of each voxel, and the shells of the pieces."""
     lookup = voxels.copy()
     node = np.arange(len(cell)).astype(np.int32)
-    count = piece.max() + 1
+    count = 0
+    for v in range(len(piece)):
+        count = max(count, piece[v] + 1)
     first = np.full(count, -1, np.int32)
     start = np.zeros(count + 1, np.int64)
     is_shell = np.zeros(len(cell), np.bool_)
@@ -376,7 +384,8 @@ def _collapse(
                 is_shell[v] = True
         if is_shell[v]:
             start[p + 1] += 1
-    start = np.cumsum(start)
+    for p in range(count):
+        start[p + 1] += start[p]
     shell = np.empty(start[-1], cell.dtype)
     filled = start[:-1].copy()
     for v in range(len(cell)):

@@ -129,8 +129,9 @@ def _spread_out(grid: Grid, free: int, seed: int, fixed: Seeds) -> Seeds:
 
     measure = grid.per_material("compliance")[grid.material]
     label = nearest_of_clusters(chosen)[1][graph.cluster]
-    chosen = _centers(grid.index, grid.spacing, measure, label, len(fixed), free)
-    chosen = _lloyd(nearest_of_voxels, grid.index, grid.spacing, measure, chosen, len(fixed), FINE_ITERATIONS)
+    index = grid.index.astype(np.float64)
+    chosen = _centers(index, grid.spacing, measure, label, len(fixed), free)
+    chosen = _lloyd(nearest_of_voxels, index, grid.spacing, measure, chosen, len(fixed), FINE_ITERATIONS)
     return list(chosen[:, None])
 
 
@@ -138,7 +139,7 @@ def _clusters(grid: Grid, free: int, fixed: Seeds) -> tuple[ClusterGraph, Seeds,
     """Clusters for that many more frames, those that `fixed` hold, and the size of their blocks."""
     wanted = max(CLUSTERS, CLUSTERS_A_FRAME * (free + len(fixed)))
     block = max(1, round((len(grid.index) / wanted) ** (1 / 3)))
-    while _occupied(grid.index, np.array(grid.lookup.shape), block) > 1.5 * wanted:  # flat and thread-like volumes
+    while _occupied(grid.index, grid.lookup.shape, block) > 1.5 * wanted:  # flat and thread-like volumes
         block += 1 + block // 2
     while True:
         graph = cluster_graph(grid, block)
@@ -158,7 +159,7 @@ def _farthest_points(graph: ClusterGraph, free: int, arbitrary: int, held: Seeds
     while len(chosen) < free:
         farthest = int(np.argmax(distance))
         distance[farthest], label[farthest] = 0.0, len(held) + len(chosen)
-        improve(graph, np.array([farthest]), distance, label)
+        improve(graph, np.array([farthest], np.int32), distance, label)
         chosen.append(farthest)
     return np.array(chosen)
 
@@ -167,13 +168,13 @@ def _nearest_clusters(graph: ClusterGraph, seeds: Seeds) -> Nearest:
     distance, label = np.full(len(graph.size), np.inf), np.full(len(graph.size), -1, np.int32)
     for i in reversed(range(len(seeds))):  # a cluster that holds seeds of several frames goes to the first of them
         distance[seeds[i]], label[seeds[i]] = 0.0, i
-    improve(graph, np.unique(np.concatenate(seeds)), distance, label)
+    improve(graph, np.unique(np.concatenate(seeds)).astype(np.int32), distance, label)
     return distance, label
 
 
 def _lloyd(
     nearest_of: Callable[[NDArray[np.int64]], Nearest],
-    index: NDArray[np.integer] | NDArray[np.float64],
+    index: NDArray[np.float64],
     spacing: NDArray[np.float64],
     measure: NDArray[np.float64],
     seeds: NDArray[np.int64],
@@ -197,7 +198,7 @@ def _lloyd(
 
 @njit(cache=True, nogil=True)
 def _centers(
-    index: NDArray[np.integer] | NDArray[np.float64],
+    index: NDArray[np.float64],
     spacing: NDArray[np.float64],
     measure: NDArray[np.float64],
     label: NDArray[np.int32],
@@ -213,7 +214,8 @@ def _centers(
             for axis in range(3):
                 mean[i, axis] += measure[v] * index[v, axis]
     for i in range(free):
-        mean[i] /= total[i]
+        for axis in range(3):
+            mean[i, axis] /= total[i]
     nearest, square = np.full(free, -1, np.int64), np.full(free, np.inf)
     for v in range(len(measure)):
         i = label[v] - fixed
@@ -236,13 +238,10 @@ def _spread(measure: NDArray[np.float64], distance: NDArray[np.float64]) -> floa
     return total
 
 
-@njit(cache=True, nogil=True)
-def _occupied(index: NDArray[np.int32], shape: NDArray[np.int64], block: int) -> np.intp:
+def _occupied(index: NDArray[np.int32], shape: tuple[int, ...], block: int) -> int:
     """Return how many blocks have a voxel."""
-    blocks = (shape + block - 1) // block
-    seen = np.zeros((blocks[0], blocks[1], blocks[2]), np.bool_)
-    for v in range(len(index)):
-        seen[index[v, 0] // block, index[v, 1] // block, index[v, 2] // block] = True
+    seen = np.zeros([-(-cells // block) for cells in shape], np.bool_)
+    seen[tuple((index // block).T)] = True
     return np.count_nonzero(seen)
 
 

@@ -156,14 +156,15 @@ def control_weights(
     number = np.append(0, np.cumsum(np.diff(first)[weights_rows.indices]))[weights_rows.indptr]
     column, value = np.empty(number[-1], np.int32), np.empty(number[-1])
     of_frame = first, control.basis, control.center, control.scale, control.axes
-    _multiply(weights_rows.indptr, weights_rows.indices, weights_rows.data, *of_frame, points, column, value)
+    start, frame = weights_rows.indptr.astype(np.int64), weights_rows.indices.astype(np.int32)  # compiled for once
+    _multiply(start, frame, weights_rows.data, *of_frame, points, column, value)
     return sparse.csr_array((value, column, number), shape=(len(points), len(control.frame)))
 
 
 @njit(cache=True, nogil=True)
 def _multiply(
-    start: NDArray[np.integer],
-    frame: NDArray[np.integer],
+    start: NDArray[np.int64],
+    frame: NDArray[np.int32],
     weight: NDArray,
     first: NDArray[np.int64],
     basis: NDArray[np.float64],

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.threads import workers
-from mjframes.frames.distance import VoxelGraph, nearest_sources, offer, sweep, voxel_graph
+from mjframes.frames.distance import VoxelGraph, more, nearest_sources, offer, sweep, voxel_graph
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
 from mjframes.weights.partition import Kernel, partition_of_unity
@@ -97,7 +97,8 @@ def _sort_by_label(label: NDArray[np.int32], end: NDArray[np.int64], nodes: NDAr
     for v in range(len(label)):
         if label[v] >= 0:
             end[label[v] + 1] += 1
-    end[:] = np.cumsum(end)
+    for i in range(1, len(end)):
+        end[i] += end[i - 1]
     for v in range(len(label)):
         if label[v] >= 0:
             nodes[end[label[v]]] = v
@@ -114,7 +115,7 @@ def _kernel(
     """
     halves = subdivisions > 1
     found, values = np.empty(0, np.int32), np.empty(0, np.float32)
-    base = 1
+    base = np.int64(1)
     members = cell
     for u in members:
         s.zone[u] = base
@@ -171,8 +172,8 @@ def _front(
     The distance to the bounding surface goes to s.low with its links, or just to s.distance without subdivision.
     """
     halves = len(s.low) > 0
-    outside, count = np.empty(64, np.int32), 0
-    inner = 0
+    outside, count = np.empty(64, np.int32), np.int64(0)
+    inner = np.int64(0)
     for r in range(len(rejected)):
         if s.zone[rejected[r]] == 0:
             outside, count = _append(outside, count, rejected[r])
@@ -202,7 +203,7 @@ def _front(
     if halves:
         for u in members:
             s.link_low[u] = s.distance[u]
-    sweep(graph, s.zone, None, False, s.distance, s.rank, s.visited, inner)
+    sweep(graph, s.zone, near[:0], np.bool_(False), s.distance, s.rank, s.visited, inner)
     if halves:
         for u in members:
             s.low[u] = s.distance[u]
@@ -220,7 +221,7 @@ def _next_band(
     s: Scratch,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Return the next band's nodes; and those (r,) beyond even that to which its upper surface has links, and these."""
-    count, refused = 0, 0
+    count, refused = np.int64(0), 0
     rejected, rejected_at = np.empty(len(arrived), np.int32), np.empty(len(arrived))
     for b in range(len(arrived)):
         v = arrived[b]
@@ -232,7 +233,7 @@ def _next_band(
             refused += 1
     linked = s.visited[:count].copy()
     link = s.distance[linked]
-    members = s.visited[: sweep(graph, s.zone, near, False, s.distance, s.rank, s.visited, count)].copy()
+    members = s.visited[: sweep(graph, s.zone, near, np.bool_(False), s.distance, s.rank, s.visited, count)].copy()
     for u in members:
         s.zone[u] = base
         s.high[u] = s.distance[u]
@@ -246,7 +247,7 @@ def _next_band(
 @njit(cache=True, nogil=True)
 def _halve(graph: VoxelGraph, members: NDArray[np.int32], base: int, s: Scratch) -> None:
     """Every zone of a band becomes two, with the Voronoi surface between its two surfaces in the middle."""
-    count = 0
+    count = np.int64(0)
     for u in members:
         if s.high[u] > s.low[u]:
             if s.link_high[u] < np.inf:
@@ -271,7 +272,7 @@ def _halve(graph: VoxelGraph, members: NDArray[np.int32], base: int, s: Scratch)
                 count = offer(v, c - to_middle, 0.0, s.distance, s.rank, s.visited, count)
     for u in members:
         s.link_middle[u] = s.distance[u]
-    sweep(graph, s.zone, None, False, s.distance, s.rank, s.visited, count)
+    sweep(graph, s.zone, s.high[:0], np.bool_(False), s.distance, s.rank, s.visited, count)
     for u in members:
         part = s.zone[u] - base
         if s.high[u] <= s.low[u]:
@@ -293,11 +294,11 @@ def _extrapolate(
     s: Scratch,
 ) -> Kernel:
     """Nodes beyond the last surface where the kernel is not 0 yet, and its values there."""
-    count = 0
+    count = np.int64(0)
     for b in range(len(arrived)):
         v = arrived[b]
         count = offer(v, arrival[b], -(arrival[b] + near[v]), s.distance, s.rank, s.visited, count)
-    count = sweep(graph, s.zone, None, True, s.distance, s.rank, s.visited, count)
+    count = sweep(graph, s.zone, near[:0], np.bool_(True), s.distance, s.rank, s.visited, count)
     positive = 0
     values = np.empty(count, np.float32)
     for b in range(count):
@@ -315,8 +316,6 @@ def _extrapolate(
 def _append(array: NDArray[np.int32], count: int, value: Any) -> tuple[NDArray[np.int32], int]:
     """Append a value to the first `count` of an array, which doubles where it is full."""
     if count == len(array):
-        larger = np.empty(2 * count, array.dtype)
-        larger[:count] = array
-        array = larger
+        array = more(array)
     array[count] = value
     return array, count + 1

@@ -131,7 +131,10 @@ def _gather(
     column: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     """Return (v, i) the weights at the voxels, of the frames with a column ≥ 0."""
-    dense = np.zeros((len(voxels), column.max() + 1))
+    count = 0
+    for i in column:
+        count = max(count, i + 1)
+    dense = np.zeros((len(voxels), count))
     for a in range(len(voxels)):
         for k in range(indptr[voxels[a]], indptr[voxels[a] + 1]):
             i = column[indices[k]]
