@@ -233,7 +233,7 @@ def _pairs(index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray
 
 
 @njit(cache=True, nogil=True)
-def _hash(pair: np.int64, slots: int) -> np.int64:
+def _hash(pair: np.int64, slots: np.int64) -> np.int64:
     mixed = (pair ^ (pair >> 29)) * np.int64(0x1E3779B97F4A7C15)
     return (mixed >> 20) & (slots - 1)
 

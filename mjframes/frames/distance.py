@@ -24,6 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjframes.volume.grid import Grid
 
+Integer = int | np.integer  # loops say np.int64(0), which compiles to one type where 0 compiles to two
+
 BUCKETS = 1 << 14  # [-] at most in the ring: that many empty ones are still skipped faster than a heap is kept
 BUCKET_MARGIN = 1e-6  # [-] by which a bucket is narrower than the cheapest edge, for rounding
 
@@ -144,8 +146,8 @@ def sweep(
     distance: NDArray[np.float64],
     rank: NDArray[np.float64],
     visited: NDArray[np.int32],
-    count: int,
-) -> int:
+    count: Integer,
+) -> Integer:
     """Run Dijkstra's algorithm from the `count` first of `visited`, which have a distance; return how many it visited.
 
     distance: (n,) inf where unvisited.  rank: (n,) carried from the source; at equal distance the smaller wins.
@@ -271,8 +273,8 @@ def offer(
     distance: NDArray[np.float64],
     rank: NDArray[np.float64],
     visited: NDArray[np.int32],
-    count: int,
-) -> int:
+    count: Integer,
+) -> Integer:
     """Make v a source at distance d unless it has a better offer; the count of sources after that."""
     old = distance[v]
     if d < old or (d == old and r < rank[v]):
@@ -292,7 +294,7 @@ def _offer_all(
     distance: NDArray[np.float64],
     rank: NDArray[np.float64],
     visited: NDArray[np.int32],
-) -> int:
+) -> Integer:
     count = np.int64(0)
     for s in range(len(ids)):
         count = offer(ids[s], costs[s], labels[s], distance, rank, visited, count)
@@ -310,7 +312,7 @@ def more(array: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _room(
-    key: NDArray[np.float64], item: NDArray[np.int32], size: int
+    key: NDArray[np.float64], item: NDArray[np.int32], size: Integer
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return the heap's arrays with room for one entry more."""
     if size < len(key):
@@ -319,7 +321,7 @@ def _room(
 
 
 @njit(cache=True, nogil=True)
-def _heap_push(key: NDArray[np.float64], item: NDArray[np.int32], size: int, d: float, v: Any) -> int:
+def _heap_push(key: NDArray[np.float64], item: NDArray[np.int32], size: Integer, d: float, v: Any) -> Integer:
     """Put node v at distance d into a binary heap of `size` entries; return how many there are."""
     hole = size
     while hole > 0 and d < key[(hole - 1) >> 1]:
@@ -330,7 +332,7 @@ def _heap_push(key: NDArray[np.float64], item: NDArray[np.int32], size: int, d: 
 
 
 @njit(cache=True, nogil=True)
-def _heap_pop(key: NDArray[np.float64], item: NDArray[np.int32], size: int) -> int:
+def _heap_pop(key: NDArray[np.float64], item: NDArray[np.int32], size: Integer) -> Integer:
     """Take the nearest node out of a binary heap of `size` entries; return how many are left."""
     size -= 1
     d, v = key[size], item[size]

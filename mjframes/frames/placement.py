@@ -242,7 +242,7 @@ def _occupied(index: NDArray[np.int32], shape: tuple[int, ...], block: int) -> i
     """Return how many blocks have a voxel."""
     seen = np.zeros([-(-cells // block) for cells in shape], np.bool_)
     seen[tuple((index // block).T)] = True
-    return np.count_nonzero(seen)
+    return int(np.count_nonzero(seen))
 
 
 def _positions(at: ArrayLike) -> NDArray[np.float64]:

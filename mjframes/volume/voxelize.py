@@ -168,7 +168,7 @@ def _winding(
     nx, ny, nz = box.shape
     change = np.zeros((nx, ny, nz + 1), np.int32)
     _crossings(_index_coordinates(surface, origin, spacing, box), surface.faces, change)
-    _integrate(change)
+    np.cumsum(change, axis=2, out=change)
     return change[:, :, :nz]
 
 
@@ -299,25 +299,16 @@ def _crossings(u: NDArray[np.float64], faces: NDArray[np.int64], change: NDArray
                 change[x, y, min(max(math.ceil(z), 0), nz)] += sign
 
 
-@njit(cache=True, parallel=True)
-def _integrate(change: NDArray[np.int32]) -> None:
-    """Sum along z, in place."""
-    for x in prange(change.shape[0]):
-        for y in range(change.shape[1]):
-            w = 0
-            for z in range(change.shape[2]):
-                w += change[x, y, z]
-                change[x, y, z] = w
-
-
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def _bare_share(u: NDArray[np.float64], faces: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(m,) share of each triangle that has no inside voxel among the 27 around it, by samples one cell apart."""
     nx, ny, nz = inside.shape
     share = np.zeros(faces.shape[0])
-    for t in prange(faces.shape[0]):
+    for t in range(faces.shape[0]):
         a, b, c = u[faces[t, 0]], u[faces[t, 1]], u[faces[t, 2]]
-        longest = max(np.abs(b - a).max(), np.abs(c - b).max(), np.abs(a - c).max())
+        longest = 0.0
+        for axis in range(3):
+            longest = max(longest, abs(b[axis] - a[axis]), abs(c[axis] - b[axis]), abs(a[axis] - c[axis]))
         n = max(1, math.ceil(longest))
         bare = 0
         for p in range(n):

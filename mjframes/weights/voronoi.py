@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.threads import workers
-from mjframes.frames.distance import VoxelGraph, more, nearest_sources, offer, sweep, voxel_graph
+from mjframes.frames.distance import Integer, VoxelGraph, more, nearest_sources, offer, sweep, voxel_graph
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
 from mjframes.weights.partition import Kernel, partition_of_unity
@@ -217,7 +217,7 @@ def _next_band(
     near: NDArray[np.float64],
     arrived: NDArray[np.int32],
     arrival: NDArray[np.float64],
-    base: int,
+    base: Integer,
     s: Scratch,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Return the next band's nodes; and those (r,) beyond even that to which its upper surface has links, and these."""
@@ -245,7 +245,7 @@ def _next_band(
 
 
 @njit(cache=True, nogil=True)
-def _halve(graph: VoxelGraph, members: NDArray[np.int32], base: int, s: Scratch) -> None:
+def _halve(graph: VoxelGraph, members: NDArray[np.int32], base: Integer, s: Scratch) -> None:
     """Every zone of a band becomes two, with the Voronoi surface between its two surfaces in the middle."""
     count = np.int64(0)
     for u in members:
@@ -313,7 +313,7 @@ def _extrapolate(
 
 
 @njit(cache=True, nogil=True)
-def _append(array: NDArray[np.int32], count: int, value: Any) -> tuple[NDArray[np.int32], int]:
+def _append(array: NDArray[np.int32], count: Integer, value: Any) -> tuple[NDArray[np.int32], Integer]:
     """Append a value to the first `count` of an array, which doubles where it is full."""
     if count == len(array):
         array = more(array)
