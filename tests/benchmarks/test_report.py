@@ -145,6 +145,25 @@ def test_what_flex_refuses_is_an_error_and_it_goes_on(cantilever, known):
         assert flex.solved(cantilever, FlexSetting("quadratic", (2, 1, 1)), known.load).dofs == 108
 
 
+@needs_flex
+@pytest.mark.parametrize("dof", ["full", "trilinear", "quadratic"])
+def test_a_flex_is_put_among_the_things_of_a_scene(cantilever, tmp_path, dof):
+    assert MUJOCO4
+    scene = tmp_path / "scene.xml"
+    scene.write_text("""<mujoco><worldbody><body pos="0 0 3"><joint name="hinge" axis="0 1 0"/><geom size=".1"/></body>
+        </worldbody><actuator><motor joint="hinge"/></actuator></mujoco>""")
+    free = replace(cantilever, fixed=np.zeros_like(cantilever.fixed))
+    turn, position, controls = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([0, 0, 1.0]), np.ones((5, 1))
+    with FlexProcess(MUJOCO4) as flex:
+        placed = flex.placed(free, FlexSetting(dof, (4, 1, 1)), scene, '<contact selfcollide="none"/>', 0.005)
+        seconds, warned = placed.act({"hinge": 0.3}, turn, position, controls, 20)
+        assert seconds > 0
+        assert warned == {}
+        assert placed.dofs == 1 + 3 * (5 * 4 if dof != "quadratic" else 9 * 9)
+        with pytest.raises(MjframesError, match=r"flex.*elbow"):
+            placed.act({"elbow": 0.3}, turn, position, controls, 20)
+
+
 def test_a_python_without_flex_is_refused(tmp_path):
     with pytest.raises(MjframesError, match="cannot run MuJoCo's flex"):
         FlexProcess(str(tmp_path / "python"))

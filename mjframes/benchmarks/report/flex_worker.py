@@ -335,7 +335,7 @@ def respond(order: dict[str, Any], flexes: dict[int, Any]) -> dict[str, Any]:
             flex.start(order["joints"], np.array(order["turn"]), np.array(order["position"]))
             seconds = flex.act(np.array(order["controls"]), order["steps"])
             warned = {mujoco.mjtWarning(i).name: int(w.number) for i, w in enumerate(flex.data.warning) if w.number}
-            return {"seconds": seconds, "warned": warned, "contacts": flex.data.ncon}
+            return {"seconds": seconds, "warned": warned}
         case "step":
             flex = flexes[order["id"]]
             return {"seconds": seconds_per_step(flex.model, flex.data, order["timestep"], order["least"])}
