@@ -242,8 +242,9 @@ class Placed(Flex):
         for name, angle in joints.items():
             self.data.qpos[self.model.joint(name).qposadr[0]] = angle
         moved = self.rest @ turn.T + position - self.rest
-        first = self.model.jnt_qposadr[self.model.body_jntadr[self.bodies]]
-        self.data.qpos[first[:, None] + np.arange(3)] = moved
+        moving = self.model.body_jntnum[self.bodies] > 0  # not so nodes of cells without voxels
+        first = self.model.jnt_qposadr[self.model.body_jntadr[self.bodies[moving]]]
+        self.data.qpos[first[:, None] + np.arange(3)] = moved[moving]
         mujoco.mj_forward(self.model, self.data)
 
     def act(self, controls: np.ndarray, steps: int) -> float:
