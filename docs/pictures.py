@@ -13,7 +13,8 @@ import numpy as np
 from PIL import Image
 
 import mjframes as mf
-from examples import elbow, fingertips, grasp, kernels, knee, modes, steak
+from examples import elbow, fingertips, flight, grasp, hertz, identify, kernels, knee, lift, modes, steak
+from mjframes.dm import lifting
 
 ROOT = Path(__file__).parents[1]
 SIZE = (640, 360)
@@ -27,10 +28,10 @@ def draw(folder: Path) -> None:
         return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold):
+    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold, arm_lifts):
         film(folder)
-    modes.run(folder)
-    kernels.run(folder)
+    for figure in (modes, kernels, hertz, identify, flight):
+        figure.run(folder)
     with Image.open(
         ROOT / "tests" / "goldens" / "running_rat.png"
     ) as rat:  # its film takes minutes; the left half is the picture
@@ -48,10 +49,10 @@ def digest() -> str:
 
 
 @contextmanager
-def filmed(model: mujoco.MjModel, path: Path, camera: str | None = None) -> Iterator:
+def filmed(model: mujoco.MjModel, path: Path, camera: str | None = None, fps: float = FPS) -> Iterator:
     """A function that adds the present state to the film `path`; its last picture stays beside it."""
     last = None
-    with mf.film(model, path, camera=camera, fps=FPS, size=SIZE) as add:
+    with mf.film(model, path, camera=camera, fps=fps, size=SIZE) as add:
 
         def draw(data: mujoco.MjData) -> None:
             nonlocal last
@@ -119,3 +120,9 @@ def fingertips_hold(folder: Path) -> None:
     model, peach = fingertips.hand_and_peach()
     with filmed(model, folder / "fingertips.mp4", "front") as add:
         fingertips.grip(model, peach, grasp.every(1 / FPS, add))
+
+
+def arm_lifts(folder: Path) -> None:
+    environment = lift.started(seed=0)
+    with filmed(environment.physics.model.ptr, folder / "lift.mp4", "beside", 1 / lifting.CONTROL_TIMESTEP) as add:
+        lift.lift(environment, add)

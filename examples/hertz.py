@@ -101,6 +101,7 @@ def run(out: Path) -> Pressed:
     right.axhline(1, color="k", linewidth=0.8)
     right.set(xlabel="frames", ylabel="force / Hertz's", ylim=(0, None))
     right.set_xticks(FRAMES, map(str, FRAMES))
+    right.minorticks_off()
     right.legend(title="approach")
     figure.savefig(out / "hertz.png", dpi=110)
     return pressed

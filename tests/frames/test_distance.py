@@ -1,10 +1,16 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 from builders.shapes import bar, block, mixed
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
+import mjframes
 from mjframes.frames.distance import VoxelGraph, compliance_distance, edge_costs, sweep, voxel_graph
 from mjframes.volume.grid import Grid, voxel_grid
 from mjframes.volume.material import Material
@@ -84,7 +90,10 @@ def test_extreme_contrast_is_exact_too():
     assert np.array_equal(found.label, expected.argmin(axis=0))
 
 
-def sweep_from(graph: VoxelGraph, source: int, zone=None, bound=None, reach: float | None = None) -> np.ndarray:
+NO_ZONE, NO_BOUND = np.empty(0, np.int32), np.empty(0)
+
+
+def sweep_from(graph: VoxelGraph, source: int, zone=NO_ZONE, bound=NO_BOUND, reach: float | None = None) -> np.ndarray:
     n = len(graph.cell)
     distance, rank, visited = np.full(n, np.inf), np.zeros(n), np.zeros(n, np.int32)
     distance[source], rank[source], visited[0] = 0, -(reach or 0), source
@@ -106,3 +115,22 @@ def test_paths_stay_in_their_zone_below_their_bound_and_end_at_their_reach():
 def test_edge_costs_have_the_bits_of_a_float():
     cost = edge_costs(0.1, 1 / 3, 1 / 7)
     assert cost == np.float32(cost)
+
+
+def test_a_sweep_is_compiled_once(tmp_path: Path) -> None:
+    """For one set of types, whoever calls it: each more costs everybody's first build two seconds."""
+    program = """
+import numpy as np
+from builders.shapes import bar
+from mjframes.frames.distance import nearest_sources, sweep, voxel_graph
+from mjframes.frames.placement import Placement
+from mjframes.weights.voronoi import voronoi_weights
+grid = bar(1, 1, 2, 2, 1, 1)
+nearest_sources(voxel_graph(grid), [0])
+voronoi_weights(grid, Placement(np.zeros((2, 3)), (np.array([0]), np.array([5]))), 2)
+print(len(sweep.signatures))
+"""
+    folders = os.pathsep.join([str(Path(mjframes.__file__).parents[1]), str(Path(__file__).parents[1])])
+    environment = {**os.environ, "PYTHONPATH": folders, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.split()[-1] == "1"
