@@ -90,9 +90,13 @@ inline constexpr int kTrustedCubes = static_cast<int>(kTrusted) + 1;  // [cubes]
 // What a patch keeps while its control points stay where they are; every mjData has it for every patch.
 inline constexpr size_t kKeptNodes = 8;  // those of a cube
 inline constexpr int kKeptTouches = 4;   // geoms it keeps its touches with
-// Where the scene has other soft bodies, which meet many vertices, again and again, with some patches each:
-inline constexpr size_t kKeptSoftNodes = 512;
+// Where the scene has other soft bodies, a patch meets more geoms, and their vertices many nodes (meetings.h):
 inline constexpr int kKeptSoftTouches = 8;
+inline constexpr size_t kKeptSoftNodes = 4096;  // of the whole body
+inline constexpr int kKeptMeetings = 4;         // other bodies of which a patch keeps where its vertices are in them
+inline constexpr double kSureStep = 2;          // [cubes] from one vertex to the next, off by a quarter at most
+inline constexpr size_t kSharedVertices = 4;    // one in so many may be midway between patches of the other body
+
 inline constexpr double kFound = 1e-13;  // [m] rounding of a world position
 inline constexpr int kFindSteps = 20;    // of Newton's method; four are usual
 inline constexpr int kFullSteps = 6;     // after these it is damped: it may swing between cubes of unlike slope

@@ -5,29 +5,34 @@
 #include <cmath>
 
 #include "constants.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
 
-// Σ_n c_n x(n) and its derivative by ξ.
-Vec3 Interpolate(const Vec3* x, const Vec3& f, Mat3* F) {
-  Vec3 along_x[4], slope_x[4], value{};
-  for (int k = 0; k < 4; k++) {
-    slope_x[k] = x[2 * k + 1] - x[2 * k];
-    along_x[k] = x[2 * k] + f[0] * slope_x[k];
-  }
-  const Vec3 low = along_x[0] + f[1] * (along_x[1] - along_x[0]);
-  const Vec3 high = along_x[2] + f[1] * (along_x[3] - along_x[2]);
-  value = low + f[2] * (high - low);
-  const Vec3 dx = (1 - f[2]) * (slope_x[0] + f[1] * (slope_x[1] - slope_x[0])) +
-                  f[2] * (slope_x[2] + f[1] * (slope_x[3] - slope_x[2]));
-  const Vec3 dy = (1 - f[2]) * (along_x[1] - along_x[0]) + f[2] * (along_x[3] - along_x[2]);
-  const Vec3 dz = high - low;
-  for (int i = 0; i < 3; i++) {
-    (*F)[3 * i] = dx[i];
-    (*F)[3 * i + 1] = dy[i];
-    (*F)[3 * i + 2] = dz[i];
-  }
+// Σ_n c_n x(n) and its derivative by ξ. x: three numbers and another a node.
+Vec3 Interpolate(const double (*x)[4], const Vec3& f, Mat3* F) {
+  Vec3 value;
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    Lanes along_x[4], slope_x[4];
+    for (int k = 0; k < 4; k++) {
+      const Lanes low = Load(x[2 * k]);
+      slope_x[k] = Load(x[2 * k + 1]) - low;
+      along_x[k] = low + f[0] * slope_x[k];
+    }
+    const Lanes along_y[2] = {along_x[1] - along_x[0], along_x[3] - along_x[2]};
+    const Lanes low = along_x[0] + f[1] * along_y[0], dz = along_x[2] + f[1] * along_y[1] - low;
+    const Lanes dx_low = slope_x[0] + f[1] * (slope_x[1] - slope_x[0]);
+    const Lanes dx_high = slope_x[2] + f[1] * (slope_x[3] - slope_x[2]);
+    const Lanes dx = (1 - f[2]) * dx_low + f[2] * dx_high, dy = (1 - f[2]) * along_y[0] + f[2] * along_y[1];
+    const Lanes at = low + f[2] * dz;
+    for (int i = 0; i < 3; i++) {
+      value[i] = at[i];
+      (*F)[3 * i] = dx[i];
+      (*F)[3 * i + 1] = dy[i];
+      (*F)[3 * i + 2] = dz[i];
+    }
+  });
   return value;
 }
 
@@ -38,18 +43,21 @@ void DeformedNodes::Forget() {
   for (Node& node : nodes_) node.node = -1;
 }
 
-DeformedNodes::Node DeformedNodes::Deform(const DistanceField& field, const PatchVolume& volume, const Vec3* x,
+DeformedNodes::Node DeformedNodes::Deform(const DistanceField& field, const uint8_t* in_rows, const Vec3* x,
                                           int number) const {
   double total = 0;
   Vec3 sum{};
-  for (int e = field.start[number]; e < field.start[number + 1]; e++) {
-    const int j = field.point[e];
-    if (!volume.in_rows[j]) continue;
-    const double weight = field.weight[e];
+  const int32_t* point = field.point.data();
+  const double* weights = field.weight.data();
+  for (int e = field.start[number], end = field.start[number + 1]; e < end; e++) {
+    const int j = point[e];
+    if (in_rows && !in_rows[j]) continue;
+    const double weight = weights[e];
     total += weight;
     sum = sum + weight * x[j];
   }
-  return {total < kLeastInRows ? Vec3{} : (1 / total) * sum, total, number, version_};
+  const Vec3 mean = total < kLeastInRows ? Vec3{} : (1 / total) * sum;
+  return {{mean[0], mean[1], mean[2], total}, number, version_};
 }
 
 DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3* x, DeformedNodes* nodes)
@@ -57,11 +65,11 @@ DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3*
       x_(x),
       nodes_(nodes),
       field_(contact.field),
-      volume_(contact.patches[patch].volume),
+      in_rows_(patch == kAllPatches ? nullptr : contact.patches[patch].volume.in_rows.data()),
       patch_(patch) {}
 
 Vec3 DeformedPatch::VertexPoint(int s) const {
-  const double* xi = field_.vertex.data() + 3 * (volume_.first_vertex + s);
+  const double* xi = field_.vertex.data() + 3 * (patch().volume.first_vertex + s);
   return {xi[0], xi[1], xi[2]};
 }
 
@@ -71,63 +79,74 @@ bool DeformedPatch::Owns(const int* nodes) const {
   return owned && std::any_of(nodes, nodes + 8, [this](int node) { return field_.distance[node] < field_.spacing; });
 }
 
-// Whether the nearest of the nodes is under this patch; of several that are as near, any.
-bool DeformedPatch::Nearest(const int* nodes, const Vec3& fraction) const {
-  for (int corner = 0; corner < 8; corner++) {
-    bool near = true;
-    for (int i = 0; i < 3; i++) near &= corner >> i & 1 ? fraction[i] > 0.5 - kTie : fraction[i] < 0.5 + kTie;
-    if (near && field_.patch[nodes[corner]] == patch_) return true;
+bool DeformedPatch::Enter(const Vec3& xi, Cube* cube, Vec3* fraction) const {
+  if (cube->nodes[0] >= 0) {
+    bool same = true;
+    for (int i = 0; i < 3; i++) {
+      (*fraction)[i] = xi[i] - cube->base[i];
+      same &= (*fraction)[i] >= 0 && (*fraction)[i] < 1;
+    }
+    if (same) return true;
   }
-  return false;
-}
-
-bool DeformedPatch::Deform(const int* nodes, Cube* cube) const {
-  if (nodes[0] == cube->nodes[0]) return true;
   cube->nodes[0] = -1;
-  for (int corner = 0; corner < 8; corner++) {
-    const DeformedNodes::Node& node = nodes_->At(nodes[corner], field_, volume_, x_);
-    if (node.total < kLeastInRows) return false;
-    cube->x[corner] = node.x;
-  }
+  int nodes[8];
+  if (!field_.CubeAt(xi, nodes, fraction)) return false;
   std::copy(nodes, nodes + 8, cube->nodes);
+  cube->base = xi - *fraction;
+  cube->deformed = false;
   return true;
 }
 
-bool DeformedPatch::Find(const Vec3& p, bool own, Vec3* xi, Cube* cube) const {
+bool DeformedPatch::Deform(Cube* cube) const {
+  if (cube->deformed) return true;
+  for (int corner = 0; corner < 8; corner++) {
+    const DeformedNodes::Node& node = nodes_->At(cube->nodes[corner], field_, in_rows_, x_);
+    if (node.x[3] < kLeastInRows) return false;
+    std::copy_n(node.x, 4, cube->x[corner]);
+  }
+  cube->deformed = true;
+  return true;
+}
+
+DeformedPatch::Search DeformedPatch::Find(const Vec3& p, bool own, double height, Vec3* xi, Cube* cube,
+                                          Mat3* slope) const {
   const double volume = field_.spacing * field_.spacing * field_.spacing;
   for (int step = 0; step < kFindSteps; step++) {
-    int nodes[8];
     Vec3 fraction;
-    if (!field_.CubeAt(*xi, nodes, &fraction)) return false;
+    if (!Enter(*xi, cube, &fraction)) return Search::kOutside;
     // the first step may still be off by a cube or two
-    if (own && step > 1 && !Owns(nodes)) return false;
-    if (!Deform(nodes, cube)) return false;
+    if (own && step > 1 && !Owns(cube->nodes)) return Search::kNowhere;
+    if (!Deform(cube)) return Search::kNowhere;
     Mat3 F;
     const Vec3 gap = p - Interpolate(cube->x, fraction, &F);
-    if (Norm(gap) < kFound) {
-      return !own || Nearest(nodes, fraction);
+    if (Dot(gap, gap) < kFound * kFound) {
+      return !own || field_.IsNearest(cube->nodes, fraction, patch_) ? Search::kFound : Search::kNowhere;
     }
-    if (!(Det(F) > kCollapsed * volume)) return false;
-    const Vec3 move = Mul(Inverse(F), gap);
-    const double limit = kStride / std::max(kStride, Norm(move));
+    if (!(Det(F) > kCollapsed * volume)) return Search::kNowhere;
+    *slope = Inverse(F);
+    const Vec3 move = Mul(*slope, gap);
+    const double length = Norm(move), limit = kStride / std::max(kStride, length);
+    // p is about as far from ξ as the step is long; the surface bends, so twice that, and twice the cubes a metre
+    const bool above = height < mjMAXVAL && field_.Distance(cube->nodes, fraction) / field_.spacing - 2 * length >
+                                                2 * height * NormBound(*slope);
     *xi = *xi + (step < kFullSteps ? limit : 0.5 * limit) * move;
+    if (above) return Search::kAbove;
   }
-  return false;
+  return Search::kNowhere;
 }
 
 bool DeformedPatch::Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal) const {
   Vec3 q = xi, fraction, gradient;
-  int nodes[8];
   for (int climb = 0;; climb++) {
-    if (!field_.CubeAt(q, nodes, &fraction)) return false;
-    const double height = field_.Distance(nodes, fraction, &gradient) / field_.spacing;
+    if (!Enter(q, cube, &fraction)) return false;
+    const double height = field_.Distance(cube->nodes, fraction, &gradient) / field_.spacing;
     const double length = Norm(gradient);
     if (!(length > kFlatDistance * field_.spacing)) return false;
     if (climb == kClimbs || std::abs(height) < kOnSurface) break;
     q = q - (height / length) * gradient;
   }
   Mat3 F;
-  if (!Deform(nodes, cube)) return false;
+  if (!Deform(cube)) return false;
   *position = Interpolate(cube->x, fraction, &F);
   if (!(Det(F) > 0)) return false;
   const Vec3 out = MulT(Inverse(F), gradient);
@@ -137,8 +156,10 @@ bool DeformedPatch::Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* no
 
 bool DeformedPatch::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
   Cube cube;
+  Mat3 slope;
   Vec3 surface;
-  if (!Find(p, own, xi, &cube) || !Surface(*xi, &cube, &surface, normal)) return false;
+  if (Find(p, own, mjMAXVAL, xi, &cube, &slope) != Search::kFound || !Surface(*xi, &cube, &surface, normal))
+    return false;
   *distance = Dot(*normal, p - surface);
   return true;
 }
@@ -149,9 +170,14 @@ void DeformedPatch::AddWeights(const Vec3& xi, double scale, double* weight) con
   if (!field_.CubeAt(xi, nodes, &fraction)) return;
   const std::array<double, 8> trilinear = TrilinearWeights(fraction);
   for (int corner = 0; corner < 8; corner++) {
-    const double share = scale * trilinear[corner] / nodes_->At(nodes[corner], field_, volume_, x_).total;
-    for (int e = field_.start[nodes[corner]]; e < field_.start[nodes[corner] + 1]; e++) {
-      if (volume_.in_rows[field_.point[e]]) weight[field_.point[e]] += share * field_.weight[e];
+    const int begin = field_.start[nodes[corner]], end = field_.start[nodes[corner] + 1];
+    double total = 0;
+    for (int e = begin; e < end; e++) {
+      if (in_rows_[field_.point[e]]) total += field_.weight[e];
+    }
+    const double share = scale * trilinear[corner] / total;
+    for (int e = begin; e < end; e++) {
+      if (in_rows_[field_.point[e]]) weight[field_.point[e]] += share * field_.weight[e];
     }
   }
 }

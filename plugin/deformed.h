@@ -15,13 +15,13 @@
 
 namespace mjframes {
 
-// Nodes of the distance field where a patch's control points are now. Each is found when it is asked for and kept in a
-// place that it shares with others.
+// Nodes of the distance field where the control points are now. Each is found when it is asked for and kept in a place
+// that it shares with others.
 class DeformedNodes {
  public:
   struct Node {
-    Vec3 x;             // deformed, where the total is at least kLeastInRows [m]
-    double total;       // weight of the patch's rows in the node [-]
+    double x[4];        // deformed, where the total is at least kLeastInRows [m], and behind it
+                        // the total: weight of the rows in the node [-]
     int32_t node = -1;  // which
     uint32_t version;   // of the control points that it was found for
   };
@@ -32,34 +32,54 @@ class DeformedNodes {
   // After the control points have moved.
   void Forget();
 
-  // x: of the control points in the world, by control point [m].
-  const Node& At(int node, const DistanceField& field, const PatchVolume& volume, const Vec3* x) {
+  // in_rows: whether rows have each control point, null where they have all; the same in every call. x: of the control
+  // points in the world, by control point [m].
+  const Node& At(int node, const DistanceField& field, const uint8_t* in_rows, const Vec3* x) {
     Node& kept = nodes_[static_cast<size_t>(node) % nodes_.size()];
-    if (kept.node != node || kept.version != version_) kept = Deform(field, volume, x, node);
+    if (kept.node != node || kept.version != version_) kept = Deform(field, in_rows, x, node);
     return kept;
   }
 
  private:
-  Node Deform(const DistanceField& field, const PatchVolume& volume, const Vec3* x, int node) const;
+  Node Deform(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int node) const;
 
   std::vector<Node> nodes_;
   uint32_t version_ = 0;
 };
 
+inline constexpr int kAllPatches = -1;
+
 class DeformedPatch {
  public:
+  // What is between eight nodes.
+  struct Cube {
+    int nodes[8] = {-1};
+    Vec3 base;              // ξ of its first node
+    bool deformed = false;  // whether these are known:
+    double x[8][4];         // [m], with the nodes' totals behind
+  };
+
+  // What came of looking for a material point.
+  enum class Search { kFound, kAbove, kOutside, kNowhere };
+
   // x: where the control points are in the world, by control point [m]; those that the patch's rows have. nodes: of
-  // these.
+  // these. patch: kAllPatches for the whole body, as if rows had all of its control points.
   DeformedPatch(const ContactModel& contact, int patch, const Vec3* x, DeformedNodes* nodes);
 
-  bool Near(const Vec3& xi, double error) const { return volume_.Near(field_, xi, error); }
+  bool Near(const Vec3& xi, double error) const { return patch().volume.Near(field_, xi, error); }
 
   // The material point ξ that is at p in the world, from a guess; false if none was found. own: only under this patch,
   // and no farther than a cube outside.
   bool Find(const Vec3& p, bool own, Vec3* xi) const {
     Cube cube;
-    return Find(p, own, xi, &cube);
+    Mat3 slope;
+    return Find(p, own, mjMAXVAL, xi, &cube, &slope) == Search::kFound;
   }
+
+  // The same; outside where that led out of the lattice, above where p is surely farther
+  // than `height` outside of the surface, and ξ then a better guess. Leaves the cube around ξ and, if ξ had to move,
+  // ∂ξ/∂x near there [cubes/m].
+  Search Find(const Vec3& p, bool own, double height, Vec3* xi, Cube* cube, Mat3* slope) const;
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
   // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
@@ -71,6 +91,9 @@ class DeformedPatch {
     return Surface(xi, &cube, position, normal);
   }
 
+  // The same; leaves the cube around that surface point.
+  bool Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal) const;
+
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;
 
@@ -81,23 +104,16 @@ class DeformedPatch {
   const Patch& patch() const { return contact_.patches[patch_]; }
 
  private:
-  struct Cube {
-    int nodes[8] = {-1};
-    Vec3 x[8];  // deformed [m]
-  };
-
-  bool Find(const Vec3& p, bool own, Vec3* xi, Cube* cube) const;
-  bool Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal) const;
-
   bool Owns(const int* nodes) const;
-  bool Nearest(const int* nodes, const Vec3& fraction) const;
-  bool Deform(const int* nodes, Cube* cube) const;  // if it is another than before
+  // Makes it the cube around ξ, if it is another; false where there is none.
+  bool Enter(const Vec3& xi, Cube* cube, Vec3* fraction) const;
+  bool Deform(Cube* cube) const;
 
   const ContactModel& contact_;
   const Vec3* x_;
   DeformedNodes* nodes_;
   const DistanceField& field_;
-  const PatchVolume& volume_;
+  const uint8_t* in_rows_;  // null for the whole body
   int patch_;
 };
 

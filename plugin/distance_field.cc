@@ -82,7 +82,16 @@ std::array<double, 8> TrilinearWeights(const Vec3& f) {
   return weight;
 }
 
-std::vector<int> DistanceField::NodesBelow(int of, bool inside) const {
+bool DistanceField::IsNearest(const int* nodes, const Vec3& fraction, int of) const {
+  for (int corner = 0; corner < 8; corner++) {
+    bool near = true;
+    for (int i = 0; i < 3; i++) near &= corner >> i & 1 ? fraction[i] > 0.5 - kTie : fraction[i] < 0.5 + kTie;
+    if (near && patch[nodes[corner]] == of) return true;
+  }
+  return false;
+}
+
+std::vector<int> DistanceField::NodesBelow(int of) const {
   std::vector<uint8_t> below(node.size(), 0);
   for (const int32_t at : node) {
     const Vec3 corner = {static_cast<double>(at / (shape[1] * shape[2])), static_cast<double>(at / shape[2] % shape[1]),
@@ -91,7 +100,7 @@ std::vector<int> DistanceField::NodesBelow(int of, bool inside) const {
     Vec3 fraction;
     if (!CubeAt(corner, nodes, &fraction)) continue;
     const bool owned = std::any_of(nodes, nodes + 8, [&](int some) { return patch[some] == of; });
-    const bool reaches = !inside || std::any_of(nodes, nodes + 8, [&](int some) { return distance[some] < 0; });
+    const bool reaches = std::any_of(nodes, nodes + 8, [&](int some) { return distance[some] < 0; });
     for (const int some : nodes) below[some] |= owned && reaches;
   }
   std::vector<int> found;
@@ -99,6 +108,17 @@ std::vector<int> DistanceField::NodesBelow(int of, bool inside) const {
     if (below[some]) found.push_back(static_cast<int>(some));
   }
   return found;
+}
+
+double DistanceField::Distance(const int* nodes, const Vec3& f) const {
+  double along_x[4];
+  for (int k = 0; k < 4; k++) {
+    const double low = distance[nodes[2 * k]], high = distance[nodes[2 * k + 1]];
+    along_x[k] = low + f[0] * (high - low);
+  }
+  const double low = along_x[0] + f[1] * (along_x[1] - along_x[0]);
+  const double high = along_x[2] + f[1] * (along_x[3] - along_x[2]);
+  return low + f[2] * (high - low);
 }
 
 double DistanceField::Distance(const int* nodes, const Vec3& f, Vec3* gradient) const {

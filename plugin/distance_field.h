@@ -45,10 +45,14 @@ struct DistanceField {
   // The eight nodes around ξ, x fastest, and where ξ is among them; false where one is missing.
   bool CubeAt(const Vec3& xi, int* nodes, Vec3* fraction) const;
 
-  // The nodes, ascending, of the cubes of which one is under the patch; only of those that reach inside, if `inside`.
-  std::vector<int> NodesBelow(int patch, bool inside) const;
+  // Whether the nearest of a cube's nodes is under the patch; of several that are as near, any.
+  bool IsNearest(const int* nodes, const Vec3& fraction, int patch) const;
 
-  // φ [m] and ∂φ/∂ξ.
+  // The nodes, ascending, of the cubes that reach inside and of which one is under the patch.
+  std::vector<int> NodesBelow(int patch) const;
+
+  // φ [m], and ∂φ/∂ξ.
+  double Distance(const int* nodes, const Vec3& fraction) const;
   double Distance(const int* nodes, const Vec3& fraction, Vec3* gradient) const;
 };
 

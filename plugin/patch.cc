@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "constants.h"
 #include "kinematics.h"
@@ -21,7 +22,7 @@ std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size
       samples.back()[patch.point[a]] = patch.weight[a * patch.vertices + s];
     }
   }
-  for (const int node : field.NodesBelow(number, true)) {
+  for (const int node : field.NodesBelow(number)) {
     std::vector<double> weight(k, 0.0);
     double total = 0;
     for (int e = field.start[node]; e < field.start[node + 1]; e++) {
@@ -58,6 +59,22 @@ std::vector<uint8_t> StepsToPatch(const DistanceField& field, int patch) {
   return steps;
 }
 
+// From each vertex to the nearest of its cluster that is left, or else of the next cluster.
+std::vector<int32_t> Walk(const std::vector<Vec3>& vertex, const std::vector<int32_t>& cluster) {
+  std::vector<int32_t> walk(vertex.size());
+  std::iota(walk.begin(), walk.end(), 0);
+  auto next = walk.begin();
+  for (const int32_t size : cluster) {
+    for (const auto end = next + size; next != end; next++) {
+      if (next == walk.begin()) continue;
+      const Vec3& last = vertex[next[-1]];
+      const auto nearer = [&](int a, int b) { return Norm(vertex[a] - last) < Norm(vertex[b] - last); };
+      std::iter_swap(next, std::min_element(next, end, nearer));
+    }
+  }
+  return walk;
+}
+
 }  // namespace
 
 PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, const Kinematics& kinematics,
@@ -74,6 +91,12 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
   for (size_t j = 0; j < k; j++) volume.in_rows[j] = kinematics.IsAbove(points[j].mover, deepest);
 
   volume.steps = StepsToPatch(contact.field, number);
+  const DistanceField& field = contact.field;
+  for (size_t node = 0; node < field.node.size(); node++) {
+    const auto moves = [&](int j) { return volume.in_rows[j] != 0; };
+    const int32_t* point = field.point.data();
+    volume.whole.push_back(std::all_of(point + field.start[node], point + field.start[node + 1], moves));
+  }
   const std::vector<std::vector<double>> samples = SampleWeights(contact, k, number, volume.in_rows);
   std::vector<double> mean(k, 0.0);
   for (const auto& weight : samples) {
@@ -130,6 +153,7 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
     }
     for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
   }
+  walk = Walk(vertex, patch.cluster);
   const auto from_nearest = [&vertex](const Vec3& p, size_t but) {
     double nearest = mjMAXVAL;
     for (size_t s = 0; s < vertex.size(); s++) {

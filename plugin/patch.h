@@ -63,8 +63,16 @@ struct PatchVolume {
   // x: where the control points are in the world, by control point [m].
   PatchPose Pose(const DistanceField& field, const Vec3* x) const;
 
-  // How far apart its vertices are, and whether it has material between them.
+  // How far apart its vertices are, which are neighbours, and whether it has material between them.
   void SetCover(const ContactModel& contact, const Kinematics& kinematics, int patch);
+
+  // Whether rows have all control points that move a cube.
+  bool IsWhole(const int* nodes) const {
+    for (int corner = 0; corner < 8; corner++) {
+      if (!whole[nodes[corner]]) return false;
+    }
+    return true;
+  }
 
   // Whether material of this patch may be within `error` of ξ [cubes]; error ≤ kTrusted.
   bool Near(const DistanceField& field, const Vec3& xi, double error) const;
@@ -78,7 +86,9 @@ struct PatchVolume {
   std::vector<double> residual;  // largest |e_j|                                  (p)
   Vec3 origin{};                 // p̄₀ [m]
   std::vector<uint8_t> steps;    // of each node: to the nearest of the patch, in cubes along the axes
+  std::vector<uint8_t> whole;    // of each node: whether rows have all control points that move it
   Vec3 half{};                   // largest |p̄ − p̄₀| along each axis [m]
+  std::vector<int32_t> walk;     // the patch's vertices, cluster by cluster, each beside the one before
   bool solid = false;            // whether nodes of the field are inside
   // At rest no place of its surface is farther from its nearest vertex; if it is not solid, no vertex from another [m].
   double cover = 0;

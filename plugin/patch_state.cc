@@ -5,48 +5,10 @@
 
 #include "constants.h"
 #include "kinematics.h"
-#include "simd.h"
+#include "vertices.h"
 
 namespace mjframes {
 namespace {
-
-// Blend for `Blocks` registers of vertices from s on.
-template <typename V, int Blocks>
-MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int s,
-                               bool adds, double* out) {
-  V sum[3][Blocks];
-  for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) sum[c][b] = adds ? Load<V>(out + c * n + s + kWidth<V> * b) : V{};
-  }
-  for (size_t a = 0; a < points; a++) {
-    const Vec3& position = x[point[a]];
-    for (int c = 0; c < 3; c++) {
-      for (int b = 0; b < Blocks; b++) sum[c][b] += Load<V>(weight + a * n + s + kWidth<V> * b) * position[c];
-    }
-  }
-  for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) Store(sum[c][b], out + c * n + s + kWidth<V> * b);
-  }
-}
-
-// out[c n + s] = Σ_a weight[a n + s] x[point[a]][c], or `adds` that to it
-void Blend(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, bool adds, double* out) {
-  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
-    constexpr int kBlocks = 3;  // their nine sums stay in registers
-    int s = 0;
-    for (; s + kBlocks * kWidth<V> <= n; s += kBlocks * kWidth<V>) {
-      BlendSome<V, kBlocks>(weight, point, points, x, n, s, adds, out);
-    }
-    for (; s + kLanes <= n; s += kLanes) BlendSome<Lanes, 1>(weight, point, points, x, n, s, adds, out);
-    for (; s < n; s++) {
-      for (int c = 0; c < 3; c++) {
-        double sum = adds ? out[c * n + s] : 0;
-        for (size_t a = 0; a < points; a++) sum += weight[a * n + s] * x[point[a]][c];
-        out[c * n + s] = sum;
-      }
-    }
-  });
-}
 
 std::array<mjtNum, 12> PlaceOf(const mjData* d, int geom) {
   std::array<mjtNum, 12> place;
@@ -75,11 +37,8 @@ PatchState::PatchState(const ContactModel& contact, const Kinematics& kinematics
       patch_(contact.patches[patch]),
       number_(patch),
       axes_(kIdentity),
-      nodes_(!contact.has_volume ? 0
-             : pairs             ? kKeptSoftNodes
-                                 : kKeptNodes),
+      nodes_(contact.has_volume ? kKeptNodes : 0),
       touches_(pairs ? kKeptSoftTouches : kKeptTouches) {
-  if (contact.has_volume && pairs) below_ = contact.field.NodesBelow(patch, false);
   const std::vector<uint8_t>& in_rows = patch_.volume.in_rows;
   for (size_t j = 0; j < in_rows.size(); j++) {
     if (in_rows[j]) point_.push_back(static_cast<int32_t>(j));
@@ -111,7 +70,7 @@ void PatchState::Update(const mjData* d) {
     axes_ = axes;
   }
   if (same) return;
-  posed_ = skinned_ = bounded_ = false;
+  posed_ = skinned_ = false;
   nodes_.Forget();
   version_++;
   kept_ = 0;
@@ -127,37 +86,9 @@ const double* PatchState::Vertices() {
   double* out = vertices_.data();
   if (skinned_) return out;
   skinned_ = true;
-  const int n = patch_.vertices;
-  Blend(patch_.weight.data(), patch_.point.data(), patch_.point.size(), x_.data(), n, false, out);
-  if (!patch_.offset.empty()) {
-    const Mat3 turned = Transpose(axes_);
-    const Vec3 axis[3] = {
-        {turned[0], turned[1], turned[2]}, {turned[3], turned[4], turned[5]}, {turned[6], turned[7], turned[8]}};
-    constexpr int32_t kAxes[3] = {0, 1, 2};
-    Blend(patch_.offset.data(), kAxes, 3, axis, n, true, out);
-  }
-  for (int c = 0; c < 3; c++) {
-    const Extremes of = ExtremesOf(out + c * n, n);
-    box_.centre[c] = 0.5 * (of.least + of.largest);
-    box_.half[c] = 0.5 * (of.largest - of.least);
-  }
+  SkinVertices(patch_, x_.data(), axes_, out);
+  box_ = BoxAround(out, patch_.vertices);
   return out;
-}
-
-const AlignedBox& PatchState::MaterialBox() {
-  if (bounded_) return material_;
-  bounded_ = true;
-  Vec3 low = {mjMAXVAL, mjMAXVAL, mjMAXVAL}, high = {-mjMAXVAL, -mjMAXVAL, -mjMAXVAL};
-  for (const int number : below_) {
-    const DeformedNodes::Node& node = nodes_.At(number, contact_.field, patch_.volume, x_.data());
-    if (node.total < kLeastInRows) continue;
-    for (int c = 0; c < 3; c++) {
-      low[c] = std::min(low[c], node.x[c]);
-      high[c] = std::max(high[c], node.x[c]);
-    }
-  }
-  material_ = {0.5 * (low + high), 0.5 * (high - low)};
-  return material_;
 }
 
 void PatchState::Keep(const mjData* d, int geom, const PatchState* other, const Touch* touch, int count,

@@ -48,9 +48,6 @@ class PatchState {
     return box_;
   }
 
-  // Around the deformed nodes of all cubes of which one is under this patch: no other place is found to be under it.
-  const AlignedBox& MaterialBox();
-
   // Keeps the touches with a geom for as long as neither moves, if there is room. other: the geom's patch, null where
   // it is rigid. share, xi: of the vertices; material points xi of the other patch.
   void Keep(const mjData* d, int geom, const PatchState* other, const Touch* touch, int count, const double* share,
@@ -78,16 +75,14 @@ class PatchState {
   std::vector<int32_t> point_;  // those that the patch depends on
   std::vector<Vec3> x_;         // (k)
   Mat3 axes_;                   // of the soft body, in the world
-  std::vector<int> below_;      // nodes of the cubes of MaterialBox
   uint64_t version_ = 0;        // how often they have moved
 
   // of these positions
-  bool posed_ = false, skinned_ = false, bounded_ = false;
+  bool posed_ = false, skinned_ = false;
   PatchPose pose_{{}, {}, {}, 0, 1};
   std::vector<double> vertices_;
   AlignedBox box_{};  // of these
   DeformedNodes nodes_;
-  AlignedBox material_{};
   int kept_ = 0;  // so many of these
   std::vector<Kept> touches_;
 };

@@ -10,6 +10,7 @@
 
 #include "geom_features.h"
 #include "kinematics.h"
+#include "meetings.h"
 #include "patch.h"
 #include "patch_state.h"
 
@@ -21,16 +22,20 @@ class SoftContact {
   SoftContact(const mjModel* m, const ContactModel& model, const Kinematics& kinematics);
 
   // Number of the patch of a geom, −1 if it has none.
-  int FindPatch(int geom) const;
+  int FindPatch(int geom) const { return patch_of_[geom]; }
 
   const ContactModel& model() const { return model_; }
   const std::vector<std::unique_ptr<PatchState>>& states() const { return states_; }  // by patch
   const CollisionMeshes& meshes() const { return meshes_; }                           // of the scene
+  // With other soft bodies; null where there are none, or the deformed volume is not known.
+  Meetings* meetings() const { return meetings_.get(); }
 
  private:
   const ContactModel& model_;
+  std::vector<int> patch_of_;  // by geom
   std::vector<std::unique_ptr<PatchState>> states_;
   CollisionMeshes meshes_;
+  std::unique_ptr<Meetings> meetings_;
 };
 
 }  // namespace mjframes

@@ -181,37 +181,79 @@ int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
   return count;
 }
 
-// The vertices of one patch that touch the other; normals point out of the other.
-int VertexTouches(const Placed& mine, const Placed& other, int side, double margin, TouchScratch* scratch, Touch* out) {
-  const double radius = mine.deformed.contact().radius;
+// The vertices of one patch that touch one of another soft body; normals point out of the other. found: where they are
+// in that body.
+int VertexTouches(const Meetings& mine, const SoftSide& own, int other_patch, const Meetings::Found& found, int side,
+                  double margin, TouchScratch* scratch, Touch* out) {
+  const double radius = own.body->contact().model().radius;
+  const Patch& patch = own.body->contact().model().patches[own.patch];
+  const double* vertices = mine.Vertices(own.patch);
   double* share = scratch->share[side];
   Vec3 normals[kMaxPatchVertices];
-  const Patch& patch = mine.deformed.patch();
-  const double* vertices = mine.state->Vertices();
-  if (mine.state->VertexBox().Apart(other.pose.box, other.room + kBoxMargin)) return 0;
-  const AlignedBox& material = other.state->MaterialBox();
-  if (mine.state->VertexBox().Apart(material, kBoxMargin)) return 0;
+  const MetVertex *met = found.first, *last = found.first + found.count;
   int begin = 0, count = 0;
   for (const int size : patch.cluster) {
     const int end = begin + size;
-    for (int s = begin; s < end; s++) {
-      const Vec3 p = Vertex(vertices, patch.vertices, s);
-      const bool near =
-          material.Contains(p, kBoxMargin) && other.Distance(p, true, &scratch->xi[side][s], &share[s], &normals[s]);
-      share[s] = near ? share[s] - radius : mjMAXVAL;
+    bool near = false;
+    for (; met != last && met->vertex < end; met++) {
+      if (met->patch != other_patch) continue;
+      if (!near) std::fill(share + begin, share + end, mjMAXVAL);
+      near = true;
+      share[met->vertex] = met->distance - radius;
+      scratch->xi[side][met->vertex] = met->xi;
+      normals[met->vertex] = met->normal;
     }
-    Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
-    if (touch.distance < margin) {
-      for (int s = begin; s < end; s++) {
+    if (near) {
+      Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
+      for (int s = begin; s < end && touch.distance < margin; s++) {
         if (share[s] == 0) continue;
         touch.position = touch.position + share[s] * Vertex(vertices, patch.vertices, s);
         touch.normal = touch.normal + share[s] * normals[s];
       }
-      if (Settle(radius, &touch)) out[count++] = touch;
+      if (touch.distance < margin && Settle(radius, &touch)) out[count++] = touch;
     }
     begin = end;
   }
   return count;
+}
+
+// Where two patches of soft bodies touch.
+int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
+                TouchScratch* scratch, Touch* out) {
+  Meetings* meetings[2];
+  for (int s = 0; s < 2; s++) {
+    meetings[s] = side[s].body->contact().meetings();
+    if (!meetings[s]) return 0;
+  }
+  int count[2];
+  bool is_wide;  // a sensor of distance may ask farther than what collides
+  {
+    const std::scoped_lock lock(meetings[0]->mutex, meetings[1]->mutex);
+    meetings[0]->Update(m, d);
+    meetings[1]->Update(m, d);
+    const double most = meetings[0]->margin() + meetings[1]->margin();
+    is_wide = margin > most;
+    for (int s = 0; s < 2; s++) {
+      // what is higher has no share in a contact
+      const double height = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
+      const Meetings::Found found = meetings[s]->Find(d, side[s].patch, meetings[1 - s], height);
+      Touch* own = s == 0 ? out : out + count[0];
+      count[s] = VertexTouches(*meetings[s], side[s], side[1 - s].patch, found, s, margin, scratch, own);
+    }
+  }
+  const int total = count[0] + count[1];
+  for (int i = 0; i < count[0]; i++) out[i].normal = -1 * out[i].normal;
+  if (total > 0 && !is_wide) {
+    const PatchLocks locks(geom, side);
+    PatchState* state[2];
+    for (int s = 0; s < 2; s++) {
+      state[s] = side[s].body->contact().states()[side[s].patch].get();
+      state[s]->Update(d);
+    }
+    state[0]->Keep(d, geom[1], state[1], out, count[0], scratch->share[0], scratch->xi[0]);
+    state[1]->Keep(d, geom[0], state[0], out + count[0], count[1], scratch->share[1], scratch->xi[1]);
+  }
+  return total;
 }
 
 }  // namespace
@@ -222,24 +264,10 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   for (int s = 0; s < 2; s++) {
     if (side[s].body && side[s].patch < 0) return 0;
   }
+  if (side[0].body && side[1].body) return SoftTouches(m, d, geom, side, margin, scratch, out);
   const PatchLocks locks(geom, side);
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
-  double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
-  if (side[0].body && side[1].body) {
-    if (!side[0].body->contact().model().has_volume || !side[1].body->contact().model().has_volume) return 0;
-    room += side[0].body->contact().model().radius + side[1].body->contact().model().radius;
-    const Placed mine = Place(side[0].body->contact(), side[0].patch, d, room),
-                 other = Place(side[1].body->contact(), side[1].patch, d, room);
-    if (mine.pose.box.Apart(other.pose.box, room)) return 0;
-    const int first = VertexTouches(mine, other, 0, margin, scratch, out);
-    for (int i = 0; i < first; i++) out[i].normal = -1 * out[i].normal;
-    const int count = first + VertexTouches(other, mine, 1, margin, scratch, out + first);
-    if (count > 0) {
-      mine.state->Keep(d, geom[1], other.state, out, first, scratch->share[0], scratch->xi[0]);
-      other.state->Keep(d, geom[0], mine.state, out + first, count - first, scratch->share[1], scratch->xi[1]);
-    }
-    return count;
-  }
+  const double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
   const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
   const SoftContact& contact = side[s].body->contact();
   const double reach = std::max(0.0, margin) + (1 + kBlend) * contact.model().radius;
