@@ -103,19 +103,3 @@ def test_a_distance_sensor_may_name_the_two_geoms_in_either_order() -> None:
             order = (second, first) if turned else (first, second)
             mujoco.mj_geomDistance(model, data, *order, 0.05, np.zeros(6))
         np.testing.assert_array_equal(rows(model, data), wanted)
-
-
-@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
-def test_asking_how_far_soft_bodies_are_apart_leaves_their_rows(jacobian: str) -> None:
-    """Sensors ask farther than what collides, and after it."""
-    scene = f'<mujoco><option gravity="0 0 0" jacobian="{jacobian}"/></mujoco>'
-    places = ((0, 0, 0), (1.0, 0, 0, 0)), ((0.02, 0.01, 0.03), (1.0, 0, 0, 0))
-    model, data = compiled(scene, *((beam(beta=0.001), pos, quat) for pos, quat in places))
-    for _ in range(5):
-        mujoco.mj_step(model, data)
-    mujoco.mj_fwdPosition(model, data)
-    wanted = rows(model, copied(model, data))
-    assert data.ncon > 3
-    for first, second in {tuple(contact.geom) for contact in data.contact}:
-        mujoco.mj_geomDistance(model, data, first, second, 0.05, np.zeros(6))
-    np.testing.assert_array_equal(rows(model, data), wanted)

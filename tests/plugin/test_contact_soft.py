@@ -20,8 +20,11 @@ from builders.scenes import (
 from builders.stacked import block
 
 from mjframes.base.errors import MjframesError
+from mjframes.body.build import build
 from mjframes.scene.contact import Contact
 from mjframes.scene.view import soft, soft_names
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
 
 WEIGHTLESS = '<mujoco><option gravity="0 0 0" cone="{}" jacobian="{}"/></mujoco>'
 
@@ -268,3 +271,23 @@ def test_the_solref_that_is_asked_for_counts(contact: Contact, floor: str, expec
     mujoco.mj_forward(model, data)
     assert data.ncon > 3
     np.testing.assert_allclose(data.contact.solref, np.tile((expected, 1), (data.ncon, 1)))
+
+
+def test_vertices_touch_a_soft_body_where_they_touch_a_rigid_one_of_its_shape() -> None:
+    """A block in the upper side, one patch, of a wide one and of a box of its size."""
+    volume = Volume.from_labels(np.ones((24, 24, 6), int), 0.01, {1: Material(1e5, 0.3, 1000)})
+    small, wide = block((6, 6, 6), 0.01, 1000), build(volume, 1)
+    box = '<geom type="box" size=".12 .12 .03"/>'
+    touched = []
+    for rigid, bodies in ((box, (small,)), ("", (small, wide))):
+        places = []
+        for body, place in zip(bodies, ((0.013, 0.007, 0.0585), (0, 0, 0)), strict=False):
+            low, high = (end(body.skin.vertices, axis=0) for end in (np.min, np.max))
+            places.append((body, tuple(place - (low + high) / 2), (1, 0, 0, 0)))
+        scene = f'<mujoco><option gravity="0 0 0"/><worldbody>{rigid}</worldbody></mujoco>'
+        model, data = compiled(scene, *places)
+        mujoco.mj_forward(model, data)
+        touched.append(data.contact.pos[:, :2].copy())  # the wide one's surface is not quite as high as the box
+    assert len(touched[0]) > 3
+    apart = np.abs(touched[0][:, None] - touched[1][None]).max(axis=2)
+    assert apart.min(axis=1).max() < 1e-6
