@@ -32,7 +32,12 @@ def test_steak_leaves_film_plot_and_log(tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 1000
     assert recording.energy_gain < 1e-3  # [J]
     assert recording.penetration < 8e-3  # [m]: it lands at 1.2 m/s on contacts with a time constant of 5 ms
-    assert len(read_log(tmp_path / "steak.mcap").messages["/state"]) == recording.steps
+    logged = read_log(tmp_path / "steak.mcap").messages
+    assert len(logged["/energy"]) == recording.steps
+    times = [state["time"] for state in logged["/state"]]
+    assert len(times) == 10  # nine frames of the film, and the end
+    assert times[-1] == recording.states[-1].time
+    assert (tmp_path / "steak.mcap").stat().st_size < 600_000  # [bytes]
 
 
 def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
