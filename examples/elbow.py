@@ -1,6 +1,7 @@
 """A soft sleeve around the two links of an elbow, which a position actuator bends.
 
-The bones are rigid pieces of the volume and move with the links; three affine frames carry the flesh between them.
+The bones are rigid pieces of the volume and move with the links; two free affine frames, where the build places them,
+carry the flesh between them.
 Run `python examples/elbow.py --out out`; it needs matplotlib (`pip install "mjframes[plot]"`).
 """
 
@@ -18,7 +19,8 @@ import mjframes as mf
 LENGTH, RADIUS, BONE, GAP, VOXEL = 0.4, 0.05, 0.015, 0.03, 0.01  # [m]; the bones end GAP before the elbow
 FLESH, UPPER, LOWER = 1, 2, 3  # labels
 POISSON, DENSITY = 0.45, 1000.0  # [-], [kg/m³]
-FRAMES = [(-0.06, 0.03, 0.0), (0.0, 0.0, 0.0), (0.06, 0.03, 0.0)]  # [m]
+FRAMES = 2  # free ones
+DAMPING = (0.0, 0.02)  # [1/s], [s]: flesh sways no longer than a second
 TARGET, RAMP, DURATION = np.pi / 2, 0.5, 1.5  # [rad], [s]: the actuator's set point grows, then stays
 STIFFNESS = 50.0  # [N m/rad] of the actuator
 
@@ -81,7 +83,7 @@ def elbow(young: float = 2e4, law: str = "corotational") -> Elbow:
     materials = {FLESH: mf.Material(young, POISSON, DENSITY), UPPER: bone, LOWER: bone}
     volume = mf.Volume.from_labels(labels, VOXEL, materials, origin=(-LENGTH / 2, -RADIUS, -RADIUS))
     bones = [mf.Attached("upper", labels == UPPER), mf.Attached("lower", labels == LOWER)]
-    sleeve = mf.build(volume, at=FRAMES, law=law, supports=bones)
+    sleeve = mf.build(volume, FRAMES, law=law, supports=bones, damping=DAMPING)
     spec = mujoco.MjSpec.from_string(LINKS)
     sky, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="sky", type=sky, builtin=flat, rgb1=[1, 1, 1], rgb2=[1, 1, 1], width=8, height=48)
