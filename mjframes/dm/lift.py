@@ -37,7 +37,7 @@ FRAMES = 3
 DAMPING = (0.0, 0.005)  # Rayleigh's α [1/s] and β [s]: meat does not ring
 # Of wet meat on plastic or wood. With priority, as those of the hand and of the block are MuJoCo's 1.
 CONTACT = Contact(friction=(0.7, 0.005, 0.0001), condim=4, priority=1)
-CAMERA = {"name": "beside", "pos": (0.85, 0.15, 0.5), "xyaxes": (0, 1, 0, -0.3, 0, 1), "fovy": 50}
+CAMERA = {"name": "beside", "pos": (0.85, 0.15, 0.62), "xyaxes": (0, 1, 0, -0.3, 0, 1), "fovy": 53}
 PIXELS = 84  # height and width of pictures, as in dm_control.manipulation
 
 
