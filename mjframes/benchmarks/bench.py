@@ -263,9 +263,8 @@ def flex_groups(process: FlexProcess) -> tuple[list[Group], str]:
     lines.append("Errors in the report's cantilever:")
     lines += [f"  {BEAM_FRAMES} frames {match.error_of_frames:.2%}" for match in chosen[:1]]
     for match in chosen:
-        cells = "×".join(map(str, match.setting.cells))
         worse = "" if match.error <= match.error_of_frames else ", the most exact that was tried"
-        lines.append(f"  {match.contender}, {cells} cells {match.error:.2%}{worse}")
+        lines.append(f"  {match.contender}, {match.setting.name} {match.error:.2%}{worse}")
     return groups, "\n".join([*lines, *refused])
 
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjframes.base.errors import MjframesError
 from mjframes.benchmarks.report.cases import Case, bar
 from mjframes.benchmarks.report.contenders import Setting, solved
-from mjframes.benchmarks.report.flex import FlexProcess, FlexSetting, flex_settings
+from mjframes.benchmarks.report.flex import FlexProcess, FlexSetting, best_flex
 from mjframes.benchmarks.report.reference import refined
 from mjframes.benchmarks.step_scenes import FALL, TIMESTEP, Extent, places, surroundings
 from mjframes.volume.volume import Volume
@@ -68,27 +67,12 @@ def beam() -> Case:
 def matches(case: Case, frames: int, process: FlexProcess) -> list[Match]:
     """Return the flex of each kind that goes with so many frames."""
     known = refined(case)
-    size = np.linalg.norm(known.moved)
-
-    def error(moved: np.ndarray) -> float:
-        return float(np.linalg.norm(moved - known.moved) / size)
-
-    mine = error(solved(case, Setting(frames), known.load).moved)
+    mine = known.error(solved(case, Setting(frames), known.load).moved)
     found: list[Match] = []
     for kind in KINDS:
-        errors: dict[FlexSetting, float] = {}
-        for setting in (some for some in flex_settings(case, quick=False) if some.dof == kind):
-            if setting.dofs > MOST_DOFS:
-                break
-            try:
-                errors[setting] = error(process.solved(case, setting, known.load).moved)
-            except MjframesError:  # it does not come to rest: a coarser one is no match
-                continue
-            if errors[setting] <= mine:
-                break
-        if errors:
-            best = min(errors, key=lambda setting: errors[setting])
-            found.append(Match(best, errors[best], frames, mine))
+        best, _ = best_flex(case, kind, known, mine, MOST_DOFS, process)
+        if best:
+            found.append(Match(best.setting, best.error, frames, mine))
     process.forget()
     return found
 

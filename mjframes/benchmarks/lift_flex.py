@@ -26,18 +26,17 @@ from mjframes.base.errors import MjframesError
 from mjframes.benchmarks.bench import screen, show
 from mjframes.benchmarks.report.cases import STEAK, steak
 from mjframes.benchmarks.report.contenders import Setting, solved
-from mjframes.benchmarks.report.flex import ORDER, FlexProcess
+from mjframes.benchmarks.report.flex import ORDER, FlexProcess, best_flex
 from mjframes.benchmarks.report.reference import refined
 from mjframes.benchmarks.step_tables import table_of
 from mjframes.benchmarks.tasks import HOLD
-from mjframes.benchmarks.worlds import best_flex
+from mjframes.benchmarks.worlds import FLEX_DOFS
 from mjframes.dm import lift, lifting
 
 Array = NDArray[np.float64]
 
 ACTIONS, ACTIONS_FLEX = 250, 20  # control steps of an episode, and of a flex's, which takes long
 EPISODES = 3  # of which the median is taken
-STEPS = round(lifting.CONTROL_TIMESTEP / lifting.PHYSICS_TIMESTEP)
 TOUCH = f"""<contact selfcollide="none" condim="{lift.CONTACT.condim}" priority="{lift.CONTACT.priority}"
     friction="{" ".join(map(str, lift.CONTACT.friction or ()))}"/>"""
 NOTE = """\
@@ -101,7 +100,7 @@ def own_rate(model: mujoco.MjModel, episode: Episode) -> tuple[float, dict[str, 
     before = time.process_time()
     for control in episode.controls:
         data.ctrl[:] = control
-        mujoco.mj_step(model, data, nstep=STEPS)
+        mujoco.mj_step(model, data, nstep=lifting.STEPS)
     seconds = time.process_time() - before
     warned = {mujoco.mjtWarning(i).name: int(w.number) for i, w in enumerate(data.warning) if w.number}
     return len(episode.controls) / seconds, warned
@@ -110,7 +109,8 @@ def own_rate(model: mujoco.MjModel, episode: Episode) -> tuple[float, dict[str, 
 def measure(python: str) -> tuple[list[Lifting], list[str]]:
     """Return the steak of frames and, in its place, the flex of each kind; and a line of each that MuJoCo refuses."""
     case = steak(STEAK)
-    most = refined(case).error(solved(case, Setting(lift.FRAMES), refined(case).load).moved)
+    known = refined(case)
+    most = known.error(solved(case, Setting(lift.FRAMES), known.load).moved)
     scene = lift.scene()
     physics = mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model)
     model, both = physics.model.ptr, episodes(scene, physics, EPISODES)
@@ -123,7 +123,7 @@ def measure(python: str) -> tuple[list[Lifting], list[str]]:
     with tempfile.TemporaryDirectory() as folder, FlexProcess(python) as process:
         mjcf.export_with_assets(scene.arena.mjcf_model, folder, "scene.xml")
         for kind in ORDER:
-            best, _ = best_flex(case, kind, most, process)
+            best, _ = best_flex(case, kind, known, most, FLEX_DOFS, process)
             if best is None:
                 continue
             rates, warnings = [], {}
@@ -134,7 +134,7 @@ def measure(python: str) -> tuple[list[Lifting], list[str]]:
                     mine.append(rate)
                     warned |= some
                     controls = one.controls[:ACTIONS_FLEX]
-                    seconds, some = flex.act(one.joints, one.turn, one.position, controls, STEPS)
+                    seconds, some = flex.act(one.joints, one.turn, one.position, controls, lifting.STEPS)
                     rates.append(len(controls) / seconds)
                     warnings |= some
                 found.append(Lifting(best.name, flex.dofs, best.error, float(np.median(rates)), warnings))

@@ -30,7 +30,7 @@ from mjframes.benchmarks.report.cases import STEAK, Case
 from mjframes.benchmarks.report.cases import steak as pulled_steak
 from mjframes.benchmarks.report.contenders import Setting, solved
 from mjframes.benchmarks.report.equilibrium import TIMED_STEP
-from mjframes.benchmarks.report.flex import ORDER, FlexContender, FlexProcess, FlexSetting, flex_settings
+from mjframes.benchmarks.report.flex import ORDER, FlexProcess, best_flex
 from mjframes.benchmarks.report.reference import refined
 from mjframes.benchmarks.report.side_by_side import batch_rate, integration_state, single_rate
 from mjframes.benchmarks.step_scenes import BARE, OURS, bare_run, soft_run
@@ -289,7 +289,7 @@ def measure_flex(case: Case, python: str) -> tuple[list[Beside], list[str]]:
     my_rates, found, restless = [], [], []
     with FlexProcess(python) as flex:
         for kind in ORDER:
-            best, refused = best_flex(case, kind, most, flex)
+            best, refused = best_flex(case, kind, known, most, FLEX_DOFS, flex)
             restless += refused
             if best:
                 rates = []
@@ -301,40 +301,6 @@ def measure_flex(case: Case, python: str) -> tuple[list[Beside], list[str]]:
             flex.forget()
     wall, processor = np.median(my_rates, axis=0).tolist()
     return [Beside(f"{FRAMES} frames", mine.dofs, most, wall, processor), *found], restless
-
-
-@dataclass(frozen=True, eq=False)
-class BestFlex:
-    """A flex at rest in a case. error: relative L2 of the displacements."""
-
-    setting: FlexSetting
-    contender: FlexContender
-    error: float
-
-    @property
-    def name(self) -> str:
-        """Return its kind and its cells."""
-        return f"{self.setting.family}, {self.contender.name}"
-
-
-def best_flex(case: Case, kind: str, most: float, flex: FlexProcess) -> tuple[BestFlex | None, list[str]]:
-    """Return the coarsest flex of a kind with an error of at most `most`, or else the most exact one of those that come
-    to rest, if any; and a line of each that does not.
-    """
-    known, found, restless = refined(case), [], []
-    for setting in (some for some in flex_settings(case, quick=False) if some.dof == kind):
-        if setting.dofs > FLEX_DOFS:
-            break
-        try:
-            contender = flex.solved(case, setting, known.load)
-        except MjframesError as reason:
-            cells = "×".join(map(str, setting.cells))
-            restless.append(f"{setting.family}, {cells} cells: {str(reason).removeprefix('flex: ')}")
-            continue
-        found.append(BestFlex(setting, contender, known.error(contender.moved)))
-        if found[-1].error <= most:
-            break
-    return min(found, key=lambda one: one.error, default=None), restless
 
 
 def rate_table(rates: Sequence[Rate]) -> Table:

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 TIME_LIMIT = 10.0  # [s] of an episode, as in dm_control.manipulation
 CONTROL_TIMESTEP, PHYSICS_TIMESTEP = 0.04, 0.002  # [s]
+STEPS = round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP)  # of physics in one of control
 LIFT = 0.15  # [m] by which the centre of mass is to rise for the whole reward
 BLOCK = (0.05, 0.05, 0.1)  # [m] half sizes of the block: the steak juts out over it, so that a hand gets hold of it
 THICKNESS = 0.0145  # [m] from the steak's middle to its lower side, and a little air

@@ -31,7 +31,6 @@ from mjframes.scene.scaling import scale
 
 Array = NDArray[np.float64]
 
-STEPS = round(lifting.CONTROL_TIMESTEP / lifting.PHYSICS_TIMESTEP)  # of physics in one of control
 EPISODE = round(lifting.TIME_LIMIT / lifting.CONTROL_TIMESTEP)  # control steps
 BOUND = 100.0  # [m, rad/s, N, …] of observations; nothing but hard blows goes beyond
 PICTURE = (240, 320)  # height and width of what is drawn
@@ -84,9 +83,9 @@ class LiftSteak(gymnasium.Env):
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Go on by 40 ms."""
         self.data.ctrl[:] = action * self.model.actuator_ctrlrange[:, 1]
-        mujoco.mj_step(self.model, self.data, nstep=STEPS)
+        mujoco.mj_step(self.model, self.data, nstep=lifting.STEPS)
         mujoco.mj_step1(self.model, self.data)  # sensors of the new state
-        failed = any(self.data.warning[kind].number for kind in DIVERGED)
+        failed = bool(self.data.warning.number[DIVERGED].any())
         reward = 0.0 if failed else float(lifting.reward(self._at, self.data))
         return _observed(self._at, self.data), reward, failed, False, {}
 
@@ -157,7 +156,7 @@ class LiftSteakVector(VectorEnv):
             self._start(np.flatnonzero(ended))
         if len(going):
             self.batch.ctrl[going] = np.asarray(actions)[going] * self.batch.model.actuator_ctrlrange[:, 1]
-            self.batch.step(going, STEPS, mujoco.mjtStage.mjSTAGE_VEL.value)
+            self.batch.step(going, lifting.STEPS, mujoco.mjtStage.mjSTAGE_VEL.value)
             self._count[going] += 1
         failed = self.batch.warning[:, DIVERGED, 1].any(axis=1) & ~ended
         rewards = np.where(failed | ended, 0.0, lifting.reward(self._at, self.batch))

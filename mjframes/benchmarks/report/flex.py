@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.benchmarks.report.cases import Case
+from mjframes.benchmarks.report.reference import Reference
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,10 @@ class FlexSetting:
     @property
     def family(self) -> str:
         return f"flex {self.dof}"
+
+    @property
+    def name(self) -> str:
+        return f"{'×'.join(map(str, self.cells))} cells"
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +170,7 @@ class FlexProcess:
         result = Path(self._folder.name) / "moved.npy"
         answer = self.ask({"do": "solve", "job": job, "dof": setting.dof, "id": self._count, "result": str(result)})
         return FlexContender(
-            name=f"{'×'.join(map(str, setting.cells))} cells",
+            name=setting.name,
             family=setting.family,
             dofs=answer["dofs"],
             moved=np.load(result),
@@ -230,3 +235,41 @@ def flex_settings(case: Case, quick: bool) -> list[FlexSetting]:
             if setting not in found and setting.dofs <= (MOST_DOFS_QUICK if quick else MOST_DOFS):
                 found.append(setting)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class BestFlex:
+    """A flex at rest in a case.  error: relative L2 of the displacements [-]."""
+
+    setting: FlexSetting
+    contender: FlexContender
+    error: float
+
+    @property
+    def name(self) -> str:
+        """Return its kind and its cells."""
+        return f"{self.setting.family}, {self.setting.name}"
+
+
+def best_flex(
+    case: Case, kind: str, known: Reference, most: float, most_dofs: int, process: FlexProcess
+) -> tuple[BestFlex | None, list[str]]:
+    """Return the coarsest flex of a kind with an error of at most `most`, or else the most exact one of those that come
+    to rest, if any; and a line of each that does not.
+
+    known: the case's solution.  most_dofs: of those that are tried.
+    """
+    found: list[BestFlex] = []
+    restless: list[str] = []
+    for setting in (some for some in flex_settings(case, quick=False) if some.dof == kind):
+        if setting.dofs > most_dofs:
+            break
+        try:
+            contender = process.solved(case, setting, known.load)
+        except MjframesError as reason:
+            restless.append(f"{setting.family}, {setting.name}: {str(reason).removeprefix('flex: ')}")
+            continue
+        found.append(BestFlex(setting, contender, known.error(contender.moved)))
+        if found[-1].error <= most:
+            break
+    return min(found, key=lambda one: one.error, default=None), restless

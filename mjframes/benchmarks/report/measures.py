@@ -91,17 +91,17 @@ def compare(
     if flex:
         flex.forget()
         for setting in flex_settings(case, quick):
-            progress(f"{case.title}: {setting.family}, {setting.cells} cells")
+            progress(f"{case.title}: {setting.family}, {setting.name}")
             try:
                 found.append((flex.solved(case, setting, known.load), "flex", 0))
             except MjframesError as error:
-                refused.append((setting.family, "×".join(map(str, setting.cells)) + " cells", str(error)))
+                refused.append((setting.family, setting.name, str(error)))
     progress(f"{case.title}: time")
     rounds, least = (3, 0.003) if quick else (5, 0.005)
     times = [
         [(one.seconds_per_step(TIMED_STEP, least), one.seconds_to_rest()) for one, _, _ in found] for _ in range(rounds)
     ]
-    size, goal = np.linalg.norm(known.moved), case.quantity(known.moved)
+    goal = case.quantity(known.moved)
     rows = [
         Row(
             case=case.name,
@@ -110,7 +110,7 @@ def compare(
             name=one.name,
             frames=frames,
             dofs=one.dofs,
-            error=float(np.linalg.norm(one.moved - known.moved) / size),
+            error=known.error(one.moved),
             goal_error=case.quantity(one.moved) / goal - 1,
             step_seconds=median(time[0] for time in measured),
             steps=one.steps,
