@@ -111,12 +111,20 @@ double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, co
 }
 
 // The same where movers only slide along the soft body's axes, and so move nothing else: ± Σ ω at and below each, times
-// the direction in these axes.
+// the direction in these axes. columns: of a sparse row, null for a dense one; of a mover all three are there, or none.
 void WriteSlides(const std::vector<Mover>& movers, const Moments* moments, const Vec3& local, double sign,
-                 double* row) {
+                 const int* columns, int entries, double* row) {
+  int entry = 0;
   for (const Mover& mover : movers) {
     const double weight = (moments++)->weight;
-    for (int a = 0; a < 3; a++) row[mover.dof + a] = sign * (weight * local[a]);
+    if (columns) {
+      while (entry < entries && columns[entry] < mover.dof) entry++;
+      if (entry == entries) return;
+      if (columns[entry] != mover.dof) continue;
+    } else {
+      entry = mover.dof;
+    }
+    for (int a = 0; a < 3; a++) row[entry + a] = sign * (weight * local[a]);
   }
 }
 
@@ -134,12 +142,12 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
     if (sides.kinematics[side]) local[side] = sides.kinematics[side]->ToLocal(d, measure.along);
   }
   const double sign = s == 1 ? 1 : -1;
-  if (!sparse && !kinematics.turning()) {
-    return WriteSlides(kinematics.movers(), sides.moments[s]->data(), local[s], sign, row);
+  const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
+  if (!kinematics.turning()) {
+    return WriteSlides(kinematics.movers(), sides.moments[s]->data(), local[s], sign, columns, entries, row);
   }
   const bool flex = contact.geom[1 - s] < 0;
   const int own = m->geom_bodyid[contact.geom[s]], other = flex ? own : m->geom_bodyid[contact.geom[1 - s]];
-  const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   int entry = 0;
   for (size_t n = 0; n < kinematics.movers().size(); n++) {
     const Mover& mover = kinematics.movers()[n];
@@ -147,7 +155,7 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
       const int dof = mover.dof + a;
       // rows have room for what moves the two bodies, and islands know of no more: dense rows must not have more either
       if (!sparse && !MovesBody(m, dof, own) && !MovesBody(m, dof, other)) continue;
-      if (flex && kinematics.turning() && MovesFlex(m, contact, dof)) continue;
+      if (flex && MovesFlex(m, contact, dof)) continue;
       if (sparse) {
         while (entry < entries && columns[entry] < dof) entry++;
         if (entry == entries) return;
@@ -155,10 +163,8 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
       } else {
         entry = dof;
       }
-      // slides of the soft body's own move nothing else
-      row[entry] = sign * (kinematics.turning() ? SideEntry(m, d, contact, sides, s, measure, local[s], dof) -
-                                                      SideEntry(m, d, contact, sides, 1 - s, measure, local[1 - s], dof)
-                                                : kinematics.RowEntry((*sides.moments[s])[n], local[s], n, a));
+      row[entry] = sign * (SideEntry(m, d, contact, sides, s, measure, local[s], dof) -
+                           SideEntry(m, d, contact, sides, 1 - s, measure, local[1 - s], dof));
     }
   }
 }

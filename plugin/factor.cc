@@ -4,65 +4,9 @@
 #include <cstddef>
 
 #include "constants.h"
-#include "simd.h"
+#include "elimination.h"
 
 namespace mjframes {
-namespace {
-
-int PadToTile(int n) { return (n + kTile - 1 + kWideLanes - 1) / kWideLanes * kWideLanes; }
-
-// row[r] −= Σ_k scaled[k][r] U_k of kRows rows, in kColumns registers of columns from c on.
-template <int kRows, int kColumns, typename V>
-MJFRAMES_INLINE void UpdateTile(double* const* row, const double* scaled, int stride, double* const* U, int size,
-                                int c) {
-  V sum[kRows][kColumns];
-  for (int r = 0; r < kRows; r++) {
-    for (int n = 0; n < kColumns; n++) sum[r][n] = Load<V>(row[r] + c + n * kWidth<V>);
-  }
-  for (int k = 0; k < size; k++) {
-    V u[kColumns];
-    for (int n = 0; n < kColumns; n++) u[n] = Load<V>(U[k] + c + n * kWidth<V>);
-    for (int r = 0; r < kRows; r++) {
-      for (int n = 0; n < kColumns; n++) sum[r][n] -= scaled[k * stride + r] * u[n];
-    }
-  }
-  for (int r = 0; r < kRows; r++) {
-    for (int n = 0; n < kColumns; n++) Store(sum[r][n], row[r] + c + n * kWidth<V>);
-  }
-}
-
-// The same for all columns of rows that are as long as the last one, which is the longest.
-template <int kRows, typename V>
-MJFRAMES_INLINE void UpdateRows(double* const* row, const double* scaled, int stride, double* const* U, int size,
-                                int length) {
-  int c = 0;
-  for (; c + kWidth<V> < length; c += 2 * kWidth<V>) UpdateTile<kRows, 2, V>(row, scaled, stride, U, size, c);
-  if (c < length) UpdateTile<kRows, 1, V>(row, scaled, stride, U, size, c);
-}
-
-// Eliminates a chain. U: its rows, `above` entries each before the chain's own; row: those above it.
-template <typename V>
-MJFRAMES_INLINE void EliminateOf(double* const* U, int size, double* const* row, int above, double* scaled,
-                                 double* inverse) {
-  for (int k = size - 1; k >= 0; k--) {
-    inverse[k] = 1 / U[k][above + k];
-    for (int i = 0; i < k; i++) {
-      const double factor = U[k][above + i] * inverse[k];
-      for (int c = 0; c <= above + i; c += kWidth<V>) Store(Load<V>(U[i] + c) - factor * Load<V>(U[k] + c), U[i] + c);
-    }
-    for (int a = 0; a < above; a++) scaled[k * above + a] = U[k][a] * inverse[k];
-  }
-  int a = 0;
-  for (; a + kTile <= above; a += kTile) UpdateRows<kTile, V>(row + a, scaled + a, above, U, size, a + kTile);
-  for (; a < above; a++) UpdateRows<1, V>(row + a, scaled + a, above, U, size, a + 1);
-}
-
-void Eliminate(double* const* U, int size, double* const* row, int above, double* scaled, double* inverse) {
-  Dispatch([&]<typename V>() MJFRAMES_KERNEL { EliminateOf<V>(U, size, row, above, scaled, inverse); });
-}
-
-}  // namespace
-
 InertiaFactor::InertiaFactor(const mjModel* m, const std::vector<bool>& trees) : start_(m->nv, 0) {
   size_t length = 0, scaled = 0, deepest = 0;
   for (int i = 0; i < m->nv; i++) {

@@ -1,12 +1,7 @@
 // d->qLD, d->qLDiagInv: M = Lᵀ D L of whole kinematic trees, as mj_factorM has it, to rounding.
 //
-// Degrees of freedom in a row, each the only one between the ones before and after it, are eliminated together:
-//
-//   U = their rows once those below are eliminated,   D their pivots,   M_ab −= Σ_k U_ka U_kb / D_k   above them,
-//
-// one product of rank p instead of p of rank one, so that an entry is loaded and stored once a chain. Rows are as in
-// d->M: of the degrees of freedom on the path to the root, the outermost first.
-// Index letters: k degree of freedom of a chain; a, b those above it.
+// Degrees of freedom in a row, each the only one between the ones before and after it, are eliminated together
+// (elimination.h). Rows are as in d->M: of the degrees of freedom on the path to the root, the outermost first.
 
 #ifndef MJFRAMES_PLUGIN_FACTOR_H_
 #define MJFRAMES_PLUGIN_FACTOR_H_

@@ -13,16 +13,6 @@ namespace {
 
 using Result = DeformedPatch::Search;
 
-// The square of how far p is from a box.
-double SquareTo(const AlignedBox& box, const Vec3& p) {
-  double sum = 0;
-  for (int i = 0; i < 3; i++) {
-    const double far = std::max(0.0, std::abs(p[i] - box.centre[i]) - box.half[i]);
-    sum += far * far;
-  }
-  return sum;
-}
-
 }  // namespace
 
 Meetings::Meetings(const ContactModel& contact, const Kinematics& kinematics,
@@ -32,8 +22,8 @@ Meetings::Meetings(const ContactModel& contact, const Kinematics& kinematics,
       states_(states),
       x_(kinematics.points().size()),
       box_(contact.patches.size()),
+      boxes_(contact.patches.size()),
       pose_(contact.patches.size()),
-      square_(contact.patches.size()),
       nodes_(std::min(contact.field.node.size(), kKeptSoftNodes)),
       kept_(contact.patches.size()),
       next_(contact.patches.size()) {
@@ -81,6 +71,7 @@ void Meetings::Update(const mjModel* m, const mjData* d) {
     double* vertices = vertices_.data() + 3 * patch.volume.first_vertex;
     SkinVertices(patch, x_.data(), kIdentity, vertices);  // a body with a volume has no offsets
     box_[i] = BoxAround(vertices, patch.vertices);
+    boxes_.Set(i, box_[i]);
     for (int c = 0; c < 3; c++) {
       low[c] = std::min(low[c], box_[i].centre[c] - box_[i].half[c]);
       high[c] = std::max(high[c], box_[i].centre[c] + box_[i].half[c]);
@@ -116,7 +107,7 @@ void Meetings::Search(const mjData* d, int patch, Meetings* other, double height
   out->other_version = other->version_;
   out->height = height;
   out->count = 0;
-  const DeformedPatch all = {other->contact_, kAllPatches, other->x_.data(), &other->nodes_};
+  const DeformedPatch all = other->Whole();
   const int n = contact_.patches[patch].vertices;
   const double* vertices = Vertices(patch);
   Vec3 xi{}, last{}, start{};
@@ -156,15 +147,13 @@ void Meetings::Search(const mjData* d, int patch, Meetings* other, double height
 
 // The material point at p, about, by the vertex nearest to it, and ∂ξ/∂x. far: how far away that vertex is.
 Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
-  int first = 0;
-  for (size_t j = 0; j < box_.size(); j++) {
-    square_[j] = SquareTo(box_[j], p);
-    if (square_[j] < square_[first]) first = static_cast<int>(j);
-  }
+  const double* squares = boxes_.SquaresTo(p);
+  const int patches = static_cast<int>(box_.size());
+  const int first = static_cast<int>(std::min_element(squares, squares + patches) - squares);
   double square = mjMAXVAL;
   int patch = first, vertex = std::max(0, NearestVertex(Vertices(first), contact_.patches[first].vertices, p, &square));
-  for (int j = 0; j < static_cast<int>(box_.size()); j++) {
-    if (j == first || !(square_[j] < square)) continue;
+  for (int j = 0; j < patches; j++) {
+    if (j == first || !(squares[j] < square)) continue;
     const int found = NearestVertex(Vertices(j), contact_.patches[j].vertices, p, &square);
     if (found < 0) continue;
     patch = j;
@@ -181,12 +170,11 @@ Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
 // Adds a vertex at p, where this body has the material point ξ, in that cube; no more of them than `most`.
 void Meetings::Meet(const mjData* d, const Vec3& p, int vertex, const Vec3& xi, DeformedPatch::Cube* cube, int most,
                     Meeting* out) {
-  const DeformedPatch all = {contact_, kAllPatches, x_.data(), &nodes_};
   const Vec3 fraction = xi - cube->base;
   Vec3 surface, normal{};
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
-  const bool there = all.Surface(xi, cube, &surface, &normal);
+  const bool there = Whole().Surface(xi, cube, &surface, &normal);
   for (int corner = 0; corner < 8 && out->count < most; corner++) {
     const int patch = contact_.field.patch[nodes[corner]];
     const auto same = [&](int node) { return contact_.field.patch[node] == patch; };

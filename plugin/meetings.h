@@ -20,6 +20,7 @@
 #include "linear.h"
 #include "patch.h"
 #include "patch_state.h"
+#include "vertices.h"
 
 namespace mjframes {
 
@@ -72,6 +73,8 @@ class Meetings {
   };
 
   void Search(const mjData* d, int patch, Meetings* other, double height, Meeting* out);
+  // This body, with all of its control points.
+  DeformedPatch Whole() { return {contact_, kAllPatches, x_.data(), &nodes_}; }
   Vec3 Guess(const Vec3& p, Mat3* slope, double* far);
   void Meet(const mjData* d, const Vec3& p, int vertex, const Vec3& xi, DeformedPatch::Cube* cube, int most,
             Meeting* out);
@@ -90,8 +93,8 @@ class Meetings {
   double margin_ = 0;
   std::vector<double> vertices_;  // patch after patch
   std::vector<AlignedBox> box_;   // around the vertices of each patch
+  Boxes boxes_;                   // the same
   std::vector<PatchPose> pose_;   // of each patch
-  std::vector<double> square_;    // of how far each box is from one place [m²]
   AlignedBox around_{};           // around all vertices
   double cover_ = 0;              // no place of the surface is farther from the nearest vertex [m]
   DeformedNodes nodes_;

@@ -167,9 +167,8 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
     solid |= field.distance[i] < 0;
     cover = std::max(cover, from_nearest(field.Place(static_cast<int>(i)), n));
   }
-  if (solid) return;
-  cover = contact.radius;
-  for (size_t s = 0; s < n && n > 1; s++) cover = std::max(cover, from_nearest(vertex[s], s));
+  spread = contact.radius;
+  for (size_t s = 0; s < n && n > 1; s++) spread = std::max(spread, from_nearest(vertex[s], s));
 }
 
 PatchPose PatchVolume::Pose(const DistanceField& field, const Vec3* positions) const {

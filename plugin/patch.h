@@ -90,8 +90,8 @@ struct PatchVolume {
   Vec3 half{};                   // largest |p̄ − p̄₀| along each axis [m]
   std::vector<int32_t> walk;     // the patch's vertices, cluster by cluster, each beside the one before
   bool solid = false;            // whether nodes of the field are inside
-  // At rest no place of its surface is farther from its nearest vertex; if it is not solid, no vertex from another [m].
-  double cover = 0;
+  // At rest [m]: no place of its surface is farther from the nearest of its vertices, and none of these from another.
+  double cover = 0, spread = 0;
 };
 
 // The contact vertices that hang on one body, in clusters; never written after creation, so threads may read it.

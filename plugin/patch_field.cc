@@ -71,7 +71,7 @@ double FieldDistance(const SoftContact& contact, int patch, const mjData* d, con
   const double resolution = contact.model().resolution();
   const Placed soft = Place(contact, patch, d, resolution);
   const PatchVolume& volume = contact.model().patches[patch].volume;
-  const double cover = volume.cover * soft.pose.stretch;
+  const double cover = (volume.solid ? volume.cover : volume.spread) * soft.pose.stretch;
   const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox();
   Vec3 nearest;  // of the box
   for (int i = 0; i < 3; i++) nearest[i] = std::clamp(p[i], box.centre[i] - box.half[i], box.centre[i] + box.half[i]);

@@ -125,7 +125,7 @@ void RowInertia::Solve(const mjModel* m, const mjData* d, RowGroup* group) {
 
 void MultiplyGroups(const mjModel* m, const RowGroup& p, const RowGroup& q, Lanes* out) {
   Dispatch([&]<typename V>() MJFRAMES_KERNEL {
-    Lanes sum[kLanes] = {};
+    Lanes sum[kLanes] = {}, odd[kLanes] = {};  // two of each, that need not wait for each other
     // the end of what is in the tree of entry k
     const auto tree_end = [m](const RowGroup& group, int k) {
       const int tree = m->dof_treeid[group.dof[k]];
@@ -140,7 +140,13 @@ void MultiplyGroups(const mjModel* m, const RowGroup& p, const RowGroup& q, Lane
       }
       while (shared < most && p.dof[a + shared] == q.dof[b + shared]) shared++;
       const double *some = p.y + kLanes * a, *other = q.y + kLanes * b;
-      for (int k = 0; k < shared; k++, some += kLanes, other += kLanes) {
+      int k = 0;
+      for (; k + 2 <= shared; k += 2, some += 2 * kLanes, other += 2 * kLanes) {
+        const Lanes of_q = Load(other), next = Load(other + kLanes);
+        for (int r = 0; r < kLanes; r++) sum[r] += some[r] * of_q;
+        for (int r = 0; r < kLanes; r++) odd[r] += some[kLanes + r] * next;
+      }
+      if (k < shared) {
         const Lanes of_q = Load(other);
         for (int r = 0; r < kLanes; r++) sum[r] += some[r] * of_q;
       }
@@ -153,7 +159,7 @@ void MultiplyGroups(const mjModel* m, const RowGroup& p, const RowGroup& q, Lane
       if (parted || p_dof < q_dof) a = parted || !same_tree ? tree_end(p, a) : a + 1;
       if (parted || q_dof < p_dof) b = parted || !same_tree ? tree_end(q, b) : b + 1;
     }
-    for (int r = 0; r < kLanes; r++) Store(sum[r], reinterpret_cast<double*>(out + r));
+    for (int r = 0; r < kLanes; r++) Store(sum[r] + odd[r], reinterpret_cast<double*>(out + r));
   });
 }
 

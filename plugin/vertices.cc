@@ -66,6 +66,23 @@ AlignedBox BoxAround(const double* vertices, int n) {
   return box;
 }
 
+const double* Boxes::SquaresTo(const Vec3& p) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    for (size_t i = 0; i < padded_; i += kWidth<V>) {
+      V sum = Fill<V>(0);
+      for (int c = 0; c < 3; c++) {
+        const double* least = bounds_.data() + (2 * c) * padded_ + i;
+        const V below = Load<V>(least) - p[c], above = p[c] - Load<V>(least + padded_);
+        V far = below > above ? below : above;
+        far = far > 0.0 ? far : Fill<V>(0);
+        sum += far * far;
+      }
+      Store(sum, square_.data() + i);
+    }
+  });
+  return square_.data();
+}
+
 int NearestVertex(const double* vertices, int n, const Vec3& p, double* square) {
   int nearest = -1;
   double best = *square;

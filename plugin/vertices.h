@@ -3,8 +3,11 @@
 #ifndef MJFRAMES_PLUGIN_VERTICES_H_
 #define MJFRAMES_PLUGIN_VERTICES_H_
 
+#include <vector>
+
 #include "linear.h"
 #include "patch.h"
+#include "simd.h"
 
 namespace mjframes {
 
@@ -14,6 +17,29 @@ void SkinVertices(const Patch& patch, const Vec3* x, const Mat3& axes, double* o
 
 // Around n of them.
 AlignedBox BoxAround(const double* vertices, int n);
+
+// Boxes, several of which are measured together.
+class Boxes {
+ public:
+  explicit Boxes(size_t count) : padded_(PadToWide(count)), bounds_(6 * padded_), square_(padded_) {}
+
+  void Set(size_t i, const AlignedBox& box) {
+    for (int c = 0; c < 3; c++) {
+      bounds_[(2 * c) * padded_ + i] = box.centre[c] - box.half[c];
+      bounds_[(2 * c + 1) * padded_ + i] = box.centre[c] + box.half[c];
+    }
+  }
+
+  // The squares of how far p is from each, zero inside.
+  const double* SquaresTo(const Vec3& p);
+
+ private:
+  static size_t PadToWide(size_t n) { return (n + kWideLanes - 1) / kWideLanes * kWideLanes; }
+
+  size_t padded_;
+  std::vector<double> bounds_;  // least, then largest, of each component
+  std::vector<double> square_;
+};
 
 // The one of n that is nearest to p, and the square of how far it is, if that is less than `square` is; else −1.
 int NearestVertex(const double* vertices, int n, const Vec3& p, double* square);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "constants.h"
+#include "elimination.h"
 #include "impedance.h"
 #include "patch_field.h"
 
@@ -227,29 +228,38 @@ struct IslandGroups {
     }
   }
 
-  // Row i of A up to its own group, where columns of the groups of these entries are right.
-  const double* Row(int i, const int* entry, int entries) const {
-    const int one = i / kLanes, n = kLanes * count;
-    for (int e = 0; e < entries; e++) {
-      const int other = entry[e] / kLanes;
-      char& is_known = known[one * count + other];
-      if (is_known) continue;
-      is_known = 1;
-      Lanes block[kLanes];
-      MultiplyGroups(m, (*this)[one], (*this)[other], block);
-      for (int r = 0; r < kLanes; r++) Store(block[r], A + static_cast<size_t>(kLanes * one + r) * n + kLanes * other);
+  // Makes A right where both entries are among these, ascending, and the second is not behind the first's group.
+  void Multiply(const int* entry, int entries) const {
+    for (int e = 0, last = -1; e < entries; e++) {
+      const int one = entry[e] / kLanes;
+      if (one == last) continue;
+      last = one;
+      for (int f = 0, before = -1; f <= e; f++) {
+        const int other = entry[f] / kLanes;
+        if (other == before) continue;
+        before = other;
+        char& is_known = known[one * count + other];
+        if (is_known) continue;
+        is_known = 1;
+        Lanes block[kLanes];
+        MultiplyGroups(m, (*this)[one], (*this)[other], block);
+        double* into = A + kLanes * (static_cast<size_t>(one) * kLanes * count + other);
+        for (int r = 0; r < kLanes; r++) Store(block[r], into + static_cast<size_t>(kLanes) * count * r);
+      }
     }
-    return A + static_cast<size_t>(i) * n;
   }
 };
 
 // g for the rows that are free now, `count` of them, where the others stay as they are in g. False where that fails.
 bool SolveFree(const Problem& problem, const Island& island, const IslandGroups& groups, const int* free, int count,
-               double* matrix, double* right, double* g) {
+               double* matrix, double* memory, double* right, double* g) {
+  const Dense dense = {count, matrix, memory};
+  groups.Multiply(free, count);
   for (int a = 0; a < count; a++) {
-    const double* row = groups.Row(free[a], free, a + 1);
-    for (int b = 0; b <= a; b++) matrix[a * count + b] = row[free[b]];
-    matrix[a * count + a] += 1 / problem.D[free[a]];
+    const double* row = groups.A + static_cast<size_t>(free[a]) * kLanes * groups.count;
+    double* into = dense.Row(a);
+    for (int b = 0; b <= a; b++) into[b] = row[free[b]];
+    into[a] += 1 / problem.D[free[a]];
     g[free[a]] = 0;
   }
   const double* start = problem.jar0;
@@ -259,8 +269,7 @@ bool SolveFree(const Problem& problem, const Island& island, const IslandGroups&
     start = right;
   }
   for (int a = 0; a < count; a++) right[a] = -start[free[a]];
-  if (mju_cholFactor(matrix, count, mjMINVAL) != count) return false;
-  mju_cholSolve(right, matrix, right, count);
+  if (!dense.Solve(right)) return false;
   for (int a = 0; a < count; a++) g[free[a]] = right[a];
   return true;
 }
@@ -271,9 +280,10 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
                  int count, double* half, double* work) {
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
-  if (!HasRoom(d, 3 * square + 16 * static_cast<size_t>(n))) return false;
+  if (!HasRoom(d, square + Dense::Entries(n) + Dense::Memory(n) + 16 * static_cast<size_t>(n))) return false;
   MarkStack(d);
-  double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, square);
+  double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, Dense::Entries(n));
+  double* memory = mj_stackAllocNum(d, Dense::Memory(n));
   double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
   double *g = mj_stackAllocNum(d, n), *next = mj_stackAllocNum(d, n), *change = mj_stackAllocNum(d, n);
   double *p = mj_stackAllocNum(d, n), *q = mj_stackAllocNum(d, n), *right = mj_stackAllocNum(d, n);
@@ -313,7 +323,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
       for (int k = 0; k < island.dofs; k++) gap += work[island.Dof(k)] * work[island.Dof(k)];
       solved = 0.5 * island.scale * gap < m->opt.tolerance;
     }
-    if (solved || !SolveFree(problem, island, groups, free, size, matrix, right, next)) break;
+    if (solved || !SolveFree(problem, island, groups, free, size, matrix, memory, right, next)) break;
     groups.Spread(island, next);
     groups.Gather(work, jar0, change);
     double step = 1;
