@@ -2,7 +2,8 @@
 
 A patch holds the spheres whose deepest frame in the tree is the same, because its geom's body must carry every degree
 of freedom that moves it, and whose surface faces the same way (± one of the three axes), because a flat floor or a wall
-then meets few patches. Each patch is cut into at most CLUSTERS compact clusters.
+then meets few patches. The few at a rim are no geom of their own: they join another patch of their frame. Each patch is
+cut into at most CLUSTERS compact clusters.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from scipy.cluster.vq import kmeans2
 from mjframes.kinematics.control import ControlPoints
 
 CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
+FEW = 2 * CLUSTERS  # [spheres] fewer join another patch: a geom costs time whether it touches or not …
+SMALL = 0.25  # [-] of the largest patch: … but not where all are small, and such a face is what a body stands on
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +44,28 @@ def group_patches(
     deepest = np.maximum.reduceat(control.frame[weights.indices], weights.indptr[:-1])
     axis = np.argmax(np.abs(normals), axis=1)
     facing = 2 * axis + (normals[np.arange(len(normals)), axis] > 0)
-    patch = np.unique(6 * deepest + facing, return_inverse=True)[1]
+    kind = 6 * deepest + facing
+    few = min(FEW, SMALL * np.unique(kind, return_counts=True)[1].max())
+    for frame in np.unique(deepest):
+        kind[deepest == frame] = _joined(kind[deepest == frame], few)
+    patch = np.unique(kind, return_inverse=True)[1]
     cluster = np.zeros(len(centers), int)
     for number in range(patch.max() + 1):
         members = np.flatnonzero(patch == number)
         cluster[members] = _clusters(centers[members])
     order = np.lexsort((cluster, patch))
     return Patches(order, patch[order], cluster[order])
+
+
+def _joined(kind: np.ndarray, few: float) -> np.ndarray:
+    """(s,) the kind of each sphere; the smallest joins the next one while it has less than so many."""
+    kind = kind.copy()
+    while True:
+        kinds, counts = np.unique(kind, return_counts=True)
+        order = np.argsort(counts, kind="stable")
+        if len(kinds) == 1 or counts[order[0]] >= few:
+            return kind
+        kind[kind == kinds[order[0]]] = kinds[order[1]]
 
 
 def _clusters(points: np.ndarray) -> np.ndarray:

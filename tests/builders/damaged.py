@@ -76,8 +76,8 @@ DAMAGED = {
     "large region": ("region_size", r"[^\"]*", encode([2**30]), "its region arrays do not match each other"),
     "no regions": ("region_size", r"[^\"]*", encode(np.zeros(0, int)), "it has no regions"),
     "fewer patches": ("patch_size", r"[^\"]*", encode([4]), "its patch geoms do not match its patches"),
-    "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 18), "its patch arrays do not match each other"),
-    "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 71), "a cluster of a patch has no valid size"),
+    "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 16), "its patch arrays do not match each other"),
+    "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 64), "a cluster of a patch has no valid size"),
     "other lattice weights": (
         "lattice_weight",
         r"(f32:\d+:).{8}",
@@ -88,7 +88,7 @@ DAMAGED = {
     "patch points": (
         "patch_point",
         r"[^\"]*",
-        encode([99] * 172),
+        encode([99] * 164),
         "a patch's control points are not those of the body",
     ),
 }

@@ -9,7 +9,7 @@ from scipy import sparse
 
 from mjframes.frames.placement import place_frames
 from mjframes.kinematics.control import ControlPoints, control_points
-from mjframes.surface.patches import CLUSTERS, Patches, group_patches
+from mjframes.surface.patches import CLUSTERS, FEW, Patches, group_patches
 from mjframes.weights.weights import voronoi_weights
 
 NORMALS = np.array([[1, 0.1, 0], [-1, 0.2, 0], [0, 1, 0.3], [0.1, -1, 0], [0, 0, 1], [0.2, 0, -1]])
@@ -48,10 +48,30 @@ def test_a_patch_has_one_deepest_frame_and_faces_one_way(spheres) -> None:
     patches = group_patches(centers, normals, weights, control(4))
     deepest = np.array([weights[[s]].indices.max() // 4 for s in range(300)])
     axis = np.abs(normals).argmax(axis=1)
-    facing = np.stack([deepest, axis, np.sign(normals[np.arange(300), axis])], axis=1)
-    kinds = [np.unique(facing[members(patches, p)], axis=0) for p in range(patches.patch.max() + 1)]
-    assert all(len(kind) == 1 for kind in kinds)
-    assert len(kinds) == len(np.unique(facing, axis=0))
+    kind = 6 * deepest + 2 * axis + (normals[np.arange(300), axis] > 0)
+    for number in range(patches.patch.max() + 1):
+        own = members(patches, number)
+        assert len(np.unique(deepest[own])) == 1
+        joined = np.unique(kind[own], return_counts=True)[1]
+        assert np.sum(joined >= FEW) <= 1  # others are too few for a patch
+
+
+def test_few_spheres_join_the_next_smallest_patch_of_their_frame() -> None:
+    counts = [40, 30, 3, 7, 12, 1]  # facing −x, +x, −y, +y, −z, +z
+    facing = np.repeat(np.arange(6), counts)
+    normals = np.zeros((len(facing), 3))
+    normals[np.arange(len(facing)), facing // 2] = 2.0 * (facing % 2) - 1
+    centers, weights = np.random.default_rng(0).random((93, 3)), sparse.csr_array(np.full((93, 4), 0.25))
+    patches = group_patches(centers, normals, weights, control(1))
+    found = [np.unique(facing[members(patches, p)]).tolist() for p in range(patches.patch.max() + 1)]
+    assert sorted(found) == [[0], [1], [2, 3, 5], [4]]
+
+
+def test_small_patches_stay_where_all_are_small() -> None:
+    facing = np.repeat(np.arange(6), 4)
+    normals = NORMALS[[1, 0, 3, 2, 5, 4]][facing]
+    centers, weights = np.random.default_rng(0).random((24, 3)), sparse.csr_array(np.full((24, 4), 0.25))
+    assert np.bincount(group_patches(centers, normals, weights, control(1)).patch).tolist() == [4] * 6
 
 
 def test_patches_are_in_the_order_of_their_bodies(spheres) -> None:
