@@ -87,15 +87,19 @@ inline constexpr double kTrusted = 2;  // [cubes]
 // A node of which the rows have less weight than this belongs to another branch of the tree.
 inline constexpr double kLeastInRows = 0.5;                           // [-]
 inline constexpr int kTrustedCubes = static_cast<int>(kTrusted) + 1;  // [cubes]
-// What a patch keeps while its control points stay where they are; every mjData has it for every patch.
-inline constexpr size_t kKeptNodes = 8;  // those of a cube
-inline constexpr int kKeptTouches = 4;   // geoms it keeps its touches with
-// Where the scene has other soft bodies, a patch meets more geoms, and their vertices many nodes (meetings.h):
+// What is kept while the control points stay where they are; every mjData has it for every soft body.
+inline constexpr int kKeptTouches = 4;     // geoms that a patch keeps its touches with
+inline constexpr size_t kKeptNodes = 256;  // of the lattice
+// Where the scene has other soft bodies, a patch meets more geoms, and their vertices many nodes:
 inline constexpr int kKeptSoftTouches = 8;
-inline constexpr size_t kKeptSoftNodes = 4096;  // of the whole body
-inline constexpr int kKeptMeetings = 4;         // other bodies of which a patch keeps where its vertices are in them
-inline constexpr double kSureStep = 2;          // [cubes] from one vertex to the next, off by a quarter at most
-inline constexpr size_t kSharedVertices = 4;    // one in so many may be midway between patches of the other body
+inline constexpr size_t kKeptSoftNodes = 4096;
+// Where points of others are (meetings.h)
+inline constexpr int kKeptMeetings = 4;          // other bodies of which a patch keeps where its vertices are in them
+inline constexpr size_t kKeptFeatureGeoms = 16;  // rigid geoms of which a body keeps where their features are in it …
+inline constexpr size_t kKeptFeatures = 192;     // … and so many features of all: one with more has no more contacts
+inline constexpr double kSureStep = 2;           // [cubes] from one vertex to the next, off by a quarter at most
+inline constexpr double kTrailStep = 20;      // [cubes] from one point to the next, beyond which the first tells little
+inline constexpr size_t kSharedVertices = 4;  // one in so many may be midway between patches of the other body
 
 inline constexpr double kFound = 1e-13;  // [m] rounding of a world position
 inline constexpr int kFindSteps = 20;    // of Newton's method; four are usual

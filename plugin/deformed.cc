@@ -40,11 +40,10 @@ Vec3 Interpolate(const double (*x)[4], const Vec3& f, Mat3* F) {
 
 void DeformedNodes::Forget() {
   if (++version_ != 0) return;
-  for (Node& node : nodes_) node.node = -1;
+  for (Kept& kept : kept_) kept.node = -1;
 }
 
-DeformedNodes::Node DeformedNodes::Deform(const DistanceField& field, const uint8_t* in_rows, const Vec3* x,
-                                          int number) const {
+DeformedNode DeformedNode::Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int number) {
   double total = 0;
   Vec3 sum{};
   const int32_t* point = field.point.data();
@@ -57,7 +56,7 @@ DeformedNodes::Node DeformedNodes::Deform(const DistanceField& field, const uint
     sum = sum + weight * x[j];
   }
   const Vec3 mean = total < kLeastInRows ? Vec3{} : (1 / total) * sum;
-  return {{mean[0], mean[1], mean[2], total}, number, version_};
+  return {{mean[0], mean[1], mean[2], total}};
 }
 
 DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3* x, DeformedNodes* nodes)
@@ -100,9 +99,14 @@ bool DeformedPatch::Enter(const Vec3& xi, Cube* cube, Vec3* fraction) const {
 bool DeformedPatch::Deform(Cube* cube) const {
   if (cube->deformed) return true;
   for (int corner = 0; corner < 8; corner++) {
-    const DeformedNodes::Node& node = nodes_->At(cube->nodes[corner], field_, in_rows_, x_);
-    if (node.x[3] < kLeastInRows) return false;
-    std::copy_n(node.x, 4, cube->x[corner]);
+    const int node = cube->nodes[corner];
+    if (in_rows_ && !patch().volume.whole[node]) {
+      const DeformedNode restricted = DeformedNode::Create(field_, in_rows_, x_, node);
+      if (restricted.x[3] < kLeastInRows) return false;
+      std::copy_n(restricted.x, 4, cube->x[corner]);
+    } else {
+      std::copy_n(nodes_->At(node, field_, x_).x, 4, cube->x[corner]);
+    }
   }
   cube->deformed = true;
   return true;

@@ -15,35 +15,42 @@
 
 namespace mjframes {
 
-// Nodes of the distance field where the control points are now. Each is found when it is asked for and kept in a place
-// that it shares with others.
+// A node of the distance field where the control points are now.
+struct DeformedNode {
+  double x[4];  // deformed, where the total is at least kLeastInRows [m], and behind it
+                // the total: weight of the rows in the node [-]
+
+  // in_rows: whether rows have each control point, null where they have all. x: of the control points in the world, by
+  // control point [m].
+  static DeformedNode Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int node);
+};
+
+// Nodes that all control points move. Each is found when it is asked for and kept in a place that it shares with
+// others.
 class DeformedNodes {
  public:
-  struct Node {
-    double x[4];        // deformed, where the total is at least kLeastInRows [m], and behind it
-                        // the total: weight of the rows in the node [-]
-    int32_t node = -1;  // which
-    uint32_t version;   // of the control points that it was found for
-  };
-
   // places: how many; not asked for any node where there are none.
-  explicit DeformedNodes(size_t places) : nodes_(places) {}
+  explicit DeformedNodes(size_t places) : kept_(places) {}
 
   // After the control points have moved.
   void Forget();
 
-  // in_rows: whether rows have each control point, null where they have all; the same in every call. x: of the control
-  // points in the world, by control point [m].
-  const Node& At(int node, const DistanceField& field, const uint8_t* in_rows, const Vec3* x) {
-    Node& kept = nodes_[static_cast<size_t>(node) % nodes_.size()];
-    if (kept.node != node || kept.version != version_) kept = Deform(field, in_rows, x, node);
-    return kept;
+  const DeformedNode& At(int node, const DistanceField& field, const Vec3* x) {
+    Kept& kept = kept_[static_cast<size_t>(node) % kept_.size()];
+    if (kept.node != node || kept.version != version_) {
+      kept = {DeformedNode::Create(field, nullptr, x, node), node, version_};
+    }
+    return kept.deformed;
   }
 
  private:
-  Node Deform(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int node) const;
+  struct Kept {
+    DeformedNode deformed;
+    int32_t node = -1;  // which
+    uint32_t version;   // of the control points that it was found for
+  };
 
-  std::vector<Node> nodes_;
+  std::vector<Kept> kept_;
   uint32_t version_ = 0;
 };
 

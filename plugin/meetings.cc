@@ -2,89 +2,59 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <limits>
 
-#include "kinematics.h"
 #include "vertices.h"
 
 namespace mjframes {
-namespace {
 
 using Result = DeformedPatch::Search;
 
-}  // namespace
-
-Meetings::Meetings(const ContactModel& contact, const Kinematics& kinematics,
-                   const std::vector<std::unique_ptr<PatchState>>& states)
+Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, SurfaceState* state)
     : contact_(contact),
-      kinematics_(kinematics),
-      states_(states),
-      x_(kinematics.points().size()),
-      box_(contact.patches.size()),
-      boxes_(contact.patches.size()),
-      pose_(contact.patches.size()),
-      nodes_(std::min(contact.field.node.size(), kKeptSoftNodes)),
-      kept_(contact.patches.size()),
-      next_(contact.patches.size()) {
-  std::vector<int> bodies;
-  for (const ControlPoint& point : kinematics.points()) {
-    bodies.push_back(point.body);
-    turns_ = turns_ || point.offset;
-  }
-  std::sort(bodies.begin(), bodies.end());
-  bodies.erase(std::unique(bodies.begin(), bodies.end()), bodies.end());
-  for (const int body : bodies) {
-    if (runs_.empty() || body != runs_.back()[0] + runs_.back()[1]) runs_.push_back({body, 0});
-    runs_.back()[1]++;
-  }
-  placed_.assign((turns_ ? 12 : 3) * bodies.size(), std::numeric_limits<double>::quiet_NaN());  // equal to nothing
-  size_t vertices = 0;
+      meshes_(meshes),
+      state_(state),
+      vertex_boxes_(contact.patches.size()),
+      material_boxes_(contact.patches.size()),
+      kept_(pairs ? contact.patches.size() : 0),
+      next_(kept_.size()),
+      met_(kKeptFeatures) {
   for (size_t i = 0; i < kept_.size(); i++) {
     const size_t n = contact.patches[i].vertices;
-    vertices += 3 * n;
     for (Meeting& meeting : kept_[i]) meeting.found.resize(n + n / kSharedVertices);
   }
-  vertices_.resize(vertices);
+  features_.reserve(kKeptFeatureGeoms);
 }
 
-void Meetings::Update(const mjModel* m, const mjData* d) {
-  bool same = true;
-  mjtNum* placed = placed_.data();
-  const auto keep = [&](const mjtNum* now, int count) {
-    same = same && std::memcmp(placed, now, count * sizeof(mjtNum)) == 0;
-    if (!same) std::copy_n(now, count, placed);
-    placed += count;
-  };
-  for (const auto& run : runs_) {
-    keep(d->xpos + 3 * run[0], 3 * run[1]);
-    if (turns_) keep(d->xmat + 9 * run[0], 9 * run[1]);
-  }
-  if (same) return;
-  version_++;
-  for (size_t j = 0; j < x_.size(); j++) x_[j] = kinematics_.WorldPosition(d, static_cast<int>(j));
-  nodes_.Forget();
-  Vec3 low = {mjMAXVAL, mjMAXVAL, mjMAXVAL}, high = {-mjMAXVAL, -mjMAXVAL, -mjMAXVAL};
-  cover_ = margin_ = 0;
-  for (size_t i = 0; i < pose_.size(); i++) {
-    const Patch& patch = contact_.patches[i];
-    double* vertices = vertices_.data() + 3 * patch.volume.first_vertex;
-    SkinVertices(patch, x_.data(), kIdentity, vertices);  // a body with a volume has no offsets
-    box_[i] = BoxAround(vertices, patch.vertices);
-    boxes_.Set(i, box_[i]);
-    for (int c = 0; c < 3; c++) {
-      low[c] = std::min(low[c], box_[i].centre[c] - box_[i].half[c]);
-      high[c] = std::max(high[c], box_[i].centre[c] + box_[i].half[c]);
-    }
-    pose_[i] = patch.volume.Pose(contact_.field, x_.data());
-    cover_ = std::max(cover_, patch.volume.cover * pose_[i].stretch);
+double Meetings::Margin(const mjModel* m) {
+  if (margin_version_ == state_->version()) return margin_;
+  margin_version_ = state_->version();
+  margin_ = 0;
+  for (const Patch& patch : contact_.patches) {
     margin_ = std::max(margin_, m->geom_margin[patch.geom] + m->geom_gap[patch.geom]);
+  }
+  return margin_;
+}
+
+void Meetings::Measure() {
+  if (measured_ == state_->version()) return;
+  measured_ = state_->version();
+  Vec3 low = {mjMAXVAL, mjMAXVAL, mjMAXVAL}, high = {-mjMAXVAL, -mjMAXVAL, -mjMAXVAL};
+  cover_ = 0;
+  for (int i = 0; i < static_cast<int>(contact_.patches.size()); i++) {
+    const AlignedBox& box = state_->VertexBox(i);
+    vertex_boxes_.Set(i, box);
+    for (int c = 0; c < 3; c++) {
+      low[c] = std::min(low[c], box.centre[c] - box.half[c]);
+      high[c] = std::max(high[c], box.centre[c] + box.half[c]);
+    }
+    cover_ = std::max(cover_, contact_.patches[i].volume.cover * state_->Pose(i).stretch);
   }
   around_ = {0.5 * (low + high), 0.5 * (high - low)};
 }
 
-Meetings::Found Meetings::Find(const mjData* d, int patch, Meetings* other, double height) {
-  if (box_[patch].Apart(other->around_, other->cover_ + height)) return {nullptr, 0};
+MetPoints Meetings::FindVertices(int patch, Meetings* other, double height) {
+  other->Measure();
+  if (state_->VertexBox(patch).Apart(other->around_, other->cover_ + height)) return {nullptr, 0};
   Meeting* meeting = nullptr;
   for (Meeting& kept : kept_[patch]) {
     if (kept.other == other) meeting = &kept;
@@ -93,109 +63,152 @@ Meetings::Found Meetings::Find(const mjData* d, int patch, Meetings* other, doub
     meeting = &kept_[patch][next_[patch]];
     next_[patch] = (next_[patch] + 1) % kKeptMeetings;
   }
-  if (meeting->other != other || meeting->version != version_ || meeting->other_version != other->version_ ||
+  const uint64_t version = state_->version(), other_version = other->state_->version();
+  if (meeting->other != other || meeting->version != version || meeting->other_version != other_version ||
       meeting->height != height) {
-    Search(d, patch, other, height, meeting);
+    meeting->other = other;
+    meeting->version = version;
+    meeting->other_version = other_version;
+    meeting->height = height;
+    Search(patch, other, height, meeting);
   }
   return {meeting->found.data(), meeting->count};
 }
 
-// Goes from vertex to vertex: where the last one is tells where the next one is, about.
-void Meetings::Search(const mjData* d, int patch, Meetings* other, double height, Meeting* out) {
-  out->other = other;
-  out->version = version_;
-  out->other_version = other->version_;
-  out->height = height;
-  out->count = 0;
-  const DeformedPatch all = other->Whole();
+// Goes from vertex to vertex, each beside the one before.
+void Meetings::Search(int patch, Meetings* other, double height, Meeting* out) {
   const int n = contact_.patches[patch].vertices;
-  const double* vertices = Vertices(patch);
-  Vec3 xi{}, last{}, start{};
-  Mat3 slope{};
-  double apart = 0;  // from `start`, so far away is nothing of the other body's surface
-  bool known = false;
+  const double* vertices = state_->Vertices(patch);
+  Trail trail;
+  Sink sink = {out->found.data(), 0, 0};
   int left = n;
   for (const int s : contact_.patches[patch].volume.walk) {
     // each of the vertices that are left has a place
-    const int most = static_cast<int>(out->found.size()) - --left;
-    const Vec3 p = {vertices[s], vertices[n + s], vertices[2 * n + s]};
-    if (!other->around_.Contains(p, other->cover_ + height) || Norm(p - start) < apart) continue;
-    DeformedPatch::Cube cube;
-    Result found = Result::kNowhere;
-    Mat3 there = slope;
-    Vec3 at = xi + Mul(there, p - last);
-    if (known) found = all.Find(p, false, height, &at, &cube, &there);
-    // a short step out of the lattice, which goes on for more than half a cube outside of the surface, is certain
-    double far = 0;
-    if (found == Result::kNowhere || (found == Result::kOutside && Norm(at - xi) > kSureStep)) {
-      at = other->Guess(p, &there, &far);
-      found = all.Find(p, false, height, &at, &cube, &there);
+    sink.most = static_cast<int>(out->found.size()) - --left;
+    other->Seek({s, 0, 0, {vertices[s], vertices[n + s], vertices[2 * n + s]}, {}, 0, {}}, height, &trail, &sink);
+  }
+  out->count = sink.count;
+}
+
+MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height) {
+  if (features_version_ != state_->version()) features_.clear();
+  features_version_ = state_->version();
+  const GeomPlace place = PlaceOf(d, geom);
+  const mjtNum* half = m->geom_size + 3 * geom;
+  const Vec3 size = {half[0], half[1], half[2]};
+  const auto same = [&](const FeatureMeeting& kept) {
+    return kept.geom == geom && kept.room == room && kept.height == height && kept.place == place && kept.size == size;
+  };
+  const auto known = std::find_if(features_.begin(), features_.end(), same);
+  if (known != features_.end()) return {met_.data() + known->begin, known->count};
+  if (features_.size() == kKeptFeatureGeoms) features_.clear();
+  const Features features(m, meshes_, geom);
+  for (;;) {
+    const int begin = features_.empty() ? 0 : features_.back().begin + features_.back().count;
+    Sink sink = {met_.data() + begin, 0, static_cast<int>(met_.size()) - begin};
+    SearchFeatures(features, d, geom, room, height, &sink);
+    if (sink.count < sink.most || begin == 0) {
+      features_.push_back({geom, place, size, room, height, begin, sink.count});
+      return {sink.out, sink.count};
     }
-    if (found == Result::kFound || found == Result::kAbove) {
-      known = true;
-      xi = at;
-      slope = there;
-      last = p;
-      if (found == Result::kFound) other->Meet(d, p, s, at, &cube, most, out);
+    features_.clear();  // for want of room
+  }
+}
+
+void Meetings::SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height,
+                              Sink* sink) {
+  if (features.round) return;
+  if (posed_ != state_->version()) {
+    posed_ = state_->version();
+    for (int i = 0; i < static_cast<int>(contact_.patches.size()); i++) material_boxes_.Set(i, state_->Pose(i).box);
+  }
+  const mjtNum* origin = d->geom_xpos + 3 * geom;
+  Mat3 axes;
+  std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
+  for (int c = 0; c < features.clusters.count; c++) {
+    const FeatureCluster& cluster = features.clusters.cluster[c];
+    Trail trail;
+    for (size_t i = cluster.begin; i < cluster.end; i++) {
+      const Vec3 p = Vec3{origin[0], origin[1], origin[2]} + Mul(axes, features.points[i]);
+      if (!material_boxes_.AnyWithin(p, room)) continue;
+      Measure();
+      Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, &trail, sink);
     }
-    if (found == Result::kOutside && far > 0) {
-      start = p;
-      apart = far - other->cover_ - height;
-    }
+  }
+}
+
+// Adds the point if it is in this body or no higher above; measured.
+void Meetings::Seek(const MetPoint& sought, double height, Trail* trail, Sink* sink) {
+  const Vec3& p = sought.place;
+  if (!around_.Contains(p, cover_ + height) || Norm(p - trail->start) < trail->apart) return;
+  const DeformedPatch all = state_->Deformed(kAllPatches);
+  DeformedPatch::Cube cube;
+  Result found = Result::kNowhere;
+  Mat3 there = trail->slope;
+  const Vec3 step = Mul(there, p - trail->last);
+  Vec3 at = trail->xi + step;
+  if (trail->known && Norm(step) < kTrailStep) found = all.Find(p, false, height, &at, &cube, &there);
+  // a short step out of the lattice, which goes on for more than half a cube outside of the surface, is certain
+  double far = 0;
+  if (found == Result::kNowhere || (found == Result::kOutside && Norm(at - trail->xi) > kSureStep)) {
+    at = Guess(p, &there, &far);
+    found = all.Find(p, false, height, &at, &cube, &there);
+  }
+  if (found == Result::kFound || found == Result::kAbove) {
+    *trail = {true, at, p, trail->start, there, trail->apart};
+    if (found == Result::kFound) Meet({sought.number, sought.cluster, 0, p, at, 0, {}}, &cube, sink);
+  }
+  if (found == Result::kOutside && far > 0) {
+    trail->start = p;
+    trail->apart = far - cover_ - height;
   }
 }
 
 // The material point at p, about, by the vertex nearest to it, and ∂ξ/∂x. far: how far away that vertex is.
 Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
-  const double* squares = boxes_.SquaresTo(p);
-  const int patches = static_cast<int>(box_.size());
+  const double* squares = vertex_boxes_.SquaresTo(p);
+  const int patches = static_cast<int>(contact_.patches.size());
   const int first = static_cast<int>(std::min_element(squares, squares + patches) - squares);
   double square = mjMAXVAL;
-  int patch = first, vertex = std::max(0, NearestVertex(Vertices(first), contact_.patches[first].vertices, p, &square));
+  int patch = first,
+      vertex = std::max(0, NearestVertex(state_->Vertices(first), contact_.patches[first].vertices, p, &square));
   for (int j = 0; j < patches; j++) {
     if (j == first || !(squares[j] < square)) continue;
-    const int found = NearestVertex(Vertices(j), contact_.patches[j].vertices, p, &square);
+    const int found = NearestVertex(state_->Vertices(j), contact_.patches[j].vertices, p, &square);
     if (found < 0) continue;
     patch = j;
     vertex = found;
   }
   *far = std::sqrt(square);
-  *slope = pose_[patch].slope;
+  *slope = state_->Pose(patch).slope;
   const int n = contact_.patches[patch].vertices;
-  const double *at = Vertices(patch) + vertex,
-               *rest = contact_.field.vertex.data() + 3 * (contact_.patches[patch].volume.first_vertex + vertex);
-  return Vec3{rest[0], rest[1], rest[2]} + Mul(*slope, p - Vec3{at[0], at[n], at[2 * n]});
+  const double* at = state_->Vertices(patch) + vertex;
+  return state_->Deformed(patch).VertexPoint(vertex) + Mul(*slope, p - Vec3{at[0], at[n], at[2 * n]});
 }
 
-// Adds a vertex at p, where this body has the material point ξ, in that cube; no more of them than `most`.
-void Meetings::Meet(const mjData* d, const Vec3& p, int vertex, const Vec3& xi, DeformedPatch::Cube* cube, int most,
-                    Meeting* out) {
-  const Vec3 fraction = xi - cube->base;
+// Adds a point for each patch under which its material point is, in that cube.
+void Meetings::Meet(const MetPoint& found, DeformedPatch::Cube* cube, Sink* sink) {
+  const Vec3 fraction = found.xi - cube->base;
   Vec3 surface, normal{};
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
-  const bool there = Whole().Surface(xi, cube, &surface, &normal);
-  for (int corner = 0; corner < 8 && out->count < most; corner++) {
+  const bool there = state_->Deformed(kAllPatches).Surface(found.xi, cube, &surface, &normal);
+  for (int corner = 0; corner < 8 && sink->count < sink->most; corner++) {
     const int patch = contact_.field.patch[nodes[corner]];
     const auto same = [&](int node) { return contact_.field.patch[node] == patch; };
     if (std::any_of(nodes, nodes + corner, same)) continue;
+    MetPoint& met = sink->out[sink->count];
+    met = found;
+    met.patch = patch;
     const PatchVolume& volume = contact_.patches[patch].volume;
     if (!volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes))) {  // its rows see it elsewhere
-      MeetPatch(d, p, vertex, patch, xi, out);
+      sink->count += state_->Deformed(patch).Distance(met.place, true, &met.xi, &met.distance, &met.normal);
     } else if (there && contact_.field.IsNearest(nodes, fraction, patch)) {
-      out->found[out->count++] = {vertex, patch, xi, Dot(normal, p - surface), normal};
+      met.distance = Dot(normal, met.place - surface);
+      met.normal = normal;
+      sink->count++;
     }
   }
-}
-
-// The same where the rows of a patch have it under that, from a guess.
-void Meetings::MeetPatch(const mjData* d, const Vec3& p, int vertex, int patch, const Vec3& guess, Meeting* out) {
-  PatchState* state = states_[patch].get();
-  const std::lock_guard lock(state->mutex);
-  state->Update(d);
-  MetVertex& met = out->found[out->count];
-  met = {vertex, patch, guess, 0, {}};
-  out->count += state->Deformed().Distance(p, true, &met.xi, &met.distance, &met.normal);
 }
 
 }  // namespace mjframes

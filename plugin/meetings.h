@@ -1,8 +1,8 @@
-// Where the contact vertices of a soft body are in other soft bodies.
+// Where the contact vertices of a soft body are in other soft bodies, and the features of rigid geoms in it.
 //
-// MuJoCo asks about each patch of one body with each of the other. A vertex is looked for once, in all of the other
-// body, and what was found is kept while neither of the two moves. It depends on where they are, and on nothing else:
-// not on who asked first, nor on what was found before.
+// MuJoCo asks about each patch with each geom. A point is looked for once, in all of a body, and what was found is kept
+// while neither of the two moves. It depends on where they are, and on nothing else: not on who asked first, nor on
+// what was found before.
 
 #ifndef MJFRAMES_PLUGIN_MEETINGS_H_
 #define MJFRAMES_PLUGIN_MEETINGS_H_
@@ -11,56 +11,51 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
-#include <mutex>
 #include <vector>
 
 #include "constants.h"
 #include "deformed.h"
+#include "geom_features.h"
 #include "linear.h"
 #include "patch.h"
-#include "patch_state.h"
+#include "surface_state.h"
 #include "vertices.h"
 
 namespace mjframes {
 
-class Kinematics;
-
-// A vertex that is in another soft body, or near it.
-struct MetVertex {
-  int vertex;       // of its patch
-  int patch;        // of the other body, under which it is
-  Vec3 xi;          // material point of the other body
-  double distance;  // of the vertex's centre from its surface [m], negative inside
-  Vec3 normal;      // out of the other body
+// A point that is in a soft body, or near it.
+struct MetPoint {
+  int number;       // of the vertex of its patch, or of the feature of its geom
+  int cluster;      // of the feature
+  int patch;        // of the body, under which it is
+  Vec3 place, xi;   // in the world, and the material point there
+  double distance;  // of its centre from the surface [m], negative inside
+  Vec3 normal;      // out of the body
 };
 
-// Of one soft body with a volume; belongs to one mjData. Whoever uses it has locked its mutex, and that of the body
-// that it meets; the mutexes of patches' states come later.
+// In the order of their clusters. A point that is midway between two patches may be there for each.
+struct MetPoints {
+  const MetPoint* first;
+  int count;
+};
+
+// Of one soft body with a volume; belongs to one mjData. Whoever uses it has locked the mutex of its surface's state,
+// and updated that, and the same of another body that is named.
 class Meetings {
  public:
-  // states: of its patches.
-  Meetings(const ContactModel& contact, const Kinematics& kinematics,
-           const std::vector<std::unique_ptr<PatchState>>& states);
-
-  // Forgets what is not so where the control points are in `d`, and finds where the patches are.
-  void Update(const mjModel* m, const mjData* d);
+  // pairs: whether the scene has patches of other soft bodies.
+  Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, SurfaceState* state);
 
   // The vertices of a patch that are in the other body or no higher above its surface than `height` [m], and maybe
-  // others, cluster by cluster; one that is midway between two patches may be there for each. After Update of both.
-  struct Found {
-    const MetVertex* first;
-    int count;
-  };
-  Found Find(const mjData* d, int patch, Meetings* other, double height);
+  // others.
+  MetPoints FindVertices(int patch, Meetings* other, double height);
 
-  // World positions of a patch's vertices, by component; after Update.
-  const double* Vertices(int patch) const { return vertices_.data() + 3 * contact_.patches[patch].volume.first_vertex; }
+  // The features of a rigid geom that are in this body or no higher above its surface, and no farther from its patches
+  // than `room` [m], and maybe others. None of ellipsoids, whose features depend on who asks.
+  MetPoints FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height);
 
-  // The largest margin and gap of its geoms [m].
-  double margin() const { return margin_; }
-
-  std::mutex mutex;
+  // The largest margin and gap of its geoms when it moved last [m].
+  double Margin(const mjModel* m);
 
  private:
   // Of a patch with one other body.
@@ -69,38 +64,57 @@ class Meetings {
     uint64_t version = 0, other_version = 0;  // of the positions that it was found for
     double height = 0;
     int count = 0;
-    std::vector<MetVertex> found;
+    std::vector<MetPoint> found;
   };
 
-  void Search(const mjData* d, int patch, Meetings* other, double height, Meeting* out);
-  // This body, with all of its control points.
-  DeformedPatch Whole() { return {contact_, kAllPatches, x_.data(), &nodes_}; }
+  // Of a rigid geom.
+  struct FeatureMeeting {
+    int geom;
+    GeomPlace place;
+    Vec3 size;
+    double room, height;
+    int begin, count;  // in met_
+  };
+
+  // Where the last point was found tells where the next one is, about; so far around `start` is nothing [m].
+  struct Trail {
+    bool known = false;
+    Vec3 xi{}, last{}, start{};
+    Mat3 slope{};
+    double apart = 0;
+  };
+
+  // What was found, and room for more.
+  struct Sink {
+    MetPoint* out;
+    int count, most;
+  };
+
+  void Measure();  // where the vertices of all patches are
+  void Search(int patch, Meetings* other, double height, Meeting* out);
+  void SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height, Sink* sink);
+  void Seek(const MetPoint& sought, double height, Trail* trail, Sink* sink);
   Vec3 Guess(const Vec3& p, Mat3* slope, double* far);
-  void Meet(const mjData* d, const Vec3& p, int vertex, const Vec3& xi, DeformedPatch::Cube* cube, int most,
-            Meeting* out);
-  void MeetPatch(const mjData* d, const Vec3& p, int vertex, int patch, const Vec3& guess, Meeting* out);
+  void Meet(const MetPoint& found, DeformedPatch::Cube* cube, Sink* sink);
 
   const ContactModel& contact_;
-  const Kinematics& kinematics_;
-  const std::vector<std::unique_ptr<PatchState>>& states_;
-  std::vector<std::array<int, 2>> runs_;  // of bodies that carry control points: the first, how many
-  bool turns_ = false;                    // whether points are elsewhere than at their bodies' origins
-  std::vector<mjtNum> placed_;            // where these bodies are
-  std::vector<Vec3> x_;                   // of the control points (k)
-  uint64_t version_ = 0;                  // how often they have moved
+  const CollisionMeshes& meshes_;
+  SurfaceState* state_;
 
-  // of these positions
+  // of these positions, each found for a version of its own
+  uint64_t margin_version_ = 0, measured_ = 0, posed_ = 0;
   double margin_ = 0;
-  std::vector<double> vertices_;  // patch after patch
-  std::vector<AlignedBox> box_;   // around the vertices of each patch
-  Boxes boxes_;                   // the same
-  std::vector<PatchPose> pose_;   // of each patch
-  AlignedBox around_{};           // around all vertices
-  double cover_ = 0;              // no place of the surface is farther from the nearest vertex [m]
-  DeformedNodes nodes_;
+  Boxes vertex_boxes_;    // of the patches
+  Boxes material_boxes_;  // and what is below them
+  AlignedBox around_{};   // around all vertices
+  double cover_ = 0;      // no place of the surface is farther from the nearest vertex [m]
 
-  std::vector<std::array<Meeting, kKeptMeetings>> kept_;  // by patch
+  std::vector<std::array<Meeting, kKeptMeetings>> kept_;  // by patch; empty without other soft bodies
   std::vector<int> next_;                                 // of a patch's meetings, that is given up for another
+
+  uint64_t features_version_ = 0;  // for which features were found
+  std::vector<FeatureMeeting> features_;
+  std::vector<MetPoint> met_;
 };
 
 }  // namespace mjframes

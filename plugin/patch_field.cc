@@ -67,12 +67,12 @@ int SoftInstanceOf(const mjModel* m, int geom) {
 }
 
 double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
-  const std::lock_guard lock(contact.states()[patch]->mutex);
+  const std::lock_guard lock(contact.state()->mutex);
   const double resolution = contact.model().resolution();
   const Placed soft = Place(contact, patch, d, resolution);
   const PatchVolume& volume = contact.model().patches[patch].volume;
   const double cover = (volume.solid ? volume.cover : volume.spread) * soft.pose.stretch;
-  const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox();
+  const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox(patch);
   Vec3 nearest;  // of the box
   for (int i = 0; i < 3; i++) nearest[i] = std::clamp(p[i], box.centre[i] - box.half[i], box.centre[i] + box.half[i]);
   const double gap = Norm(p - nearest);
@@ -87,7 +87,7 @@ double FieldDistance(const SoftContact& contact, int patch, const mjData* d, con
     if (distance > 0) return kCareful * distance;
     if (soft.Distance(p, true, &xi, &distance, normal)) return distance;
   }
-  const double* vertices = soft.state->Vertices();
+  const double* vertices = soft.state->Vertices(patch);
   const int n = soft.deformed.patch().vertices, s = soft.NearestVertex(p);
   const Vec3 vertex = {vertices[s], vertices[n + s], vertices[2 * n + s]};
   *normal = Direction(vertex, p);

@@ -8,7 +8,7 @@
 #include "deformed.h"
 #include "linear.h"
 #include "patch.h"
-#include "patch_state.h"
+#include "surface_state.h"
 
 namespace mjframes {
 
@@ -16,21 +16,19 @@ class SoftContact;
 
 struct Placed {
   DeformedPatch deformed;
-  PatchState* state;
+  int number;  // of the patch
+  SurfaceState* state;
   const PatchPose& pose;
   double room;  // how far around the vertices and what is below them something may touch [m]
 
   // Signed distance of p; xi becomes the material point at p. own: only under this patch.
   bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
 
-  // Whether p is surely farther than `height` outside of the surface; cheap, and false where that is not known.
-  bool Above(const Vec3& p, double height) const;
-
   // The vertex nearest to p.
   int NearestVertex(const Vec3& p) const;
 };
 
-// The caller has locked the mutex of the patch's state.
+// The caller has locked the surface's mutex.
 Placed Place(const SoftContact& contact, int patch, const mjData* d, double room);
 
 }  // namespace mjframes

@@ -9,12 +9,10 @@ SoftContact::SoftContact(const mjModel* m, const ContactModel& model, const Kine
   size_t patches = 0;  // of the scene
   for (int geom = 0; geom < m->ngeom; geom++) patches += SoftInstanceOf(m, geom) >= 0;
   const bool pairs = patches > model.patches.size();
-  for (size_t i = 0; i < model.patches.size(); i++) {
-    patch_of_[model.patches[i].geom] = static_cast<int>(i);
-    states_.push_back(std::make_unique<PatchState>(model, kinematics, static_cast<int>(i), pairs));
-  }
-  if (pairs && model.has_volume) meetings_ = std::make_unique<Meetings>(model, kinematics, states_);
+  for (size_t i = 0; i < model.patches.size(); i++) patch_of_[model.patches[i].geom] = static_cast<int>(i);
+  state_ = std::make_unique<SurfaceState>(model, kinematics, pairs);
   if (!model.patches.empty()) meshes_ = FindCollisionMeshes(m);
+  if (model.has_volume) meetings_ = std::make_unique<Meetings>(model, meshes_, pairs, state_.get());
 }
 
 }  // namespace mjframes

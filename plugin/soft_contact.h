@@ -12,7 +12,7 @@
 #include "kinematics.h"
 #include "meetings.h"
 #include "patch.h"
-#include "patch_state.h"
+#include "surface_state.h"
 
 namespace mjframes {
 
@@ -25,15 +25,15 @@ class SoftContact {
   int FindPatch(int geom) const { return patch_of_[geom]; }
 
   const ContactModel& model() const { return model_; }
-  const std::vector<std::unique_ptr<PatchState>>& states() const { return states_; }  // by patch
-  const CollisionMeshes& meshes() const { return meshes_; }                           // of the scene
-  // With other soft bodies; null where there are none, or the deformed volume is not known.
+  SurfaceState* state() const { return state_.get(); }
+  const CollisionMeshes& meshes() const { return meshes_; }  // of the scene
+  // Null where the deformed volume is not known.
   Meetings* meetings() const { return meetings_.get(); }
 
  private:
   const ContactModel& model_;
   std::vector<int> patch_of_;  // by geom
-  std::vector<std::unique_ptr<PatchState>> states_;
+  std::unique_ptr<SurfaceState> state_;
   CollisionMeshes meshes_;
   std::unique_ptr<Meetings> meetings_;
 };

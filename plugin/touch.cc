@@ -7,23 +7,28 @@
 #include "constants.h"
 #include "deformed.h"
 #include "geom_distance.h"
-#include "patch_state.h"
+#include "meetings.h"
 #include "placed.h"
 #include "simd.h"
 #include "soft_body.h"
+#include "surface_state.h"
 
 namespace mjframes {
 namespace {
 
 Vec3 Vertex(const double* vertices, int n, int s) { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
 
-// The patches of a pair, which no other thread uses meanwhile.
-class PatchLocks {
+// The surfaces of a pair, which no other thread uses meanwhile.
+class SurfaceLocks {
  public:
-  PatchLocks(const int geom[2], const SoftSide side[2]) {
-    const int first = geom[0] < geom[1] ? 0 : 1;  // in one order everywhere: no two threads wait for each other
-    for (const int s : {first, 1 - first}) {
-      if (side[s].body) lock_[s] = std::unique_lock(side[s].body->contact().states()[side[s].patch]->mutex);
+  explicit SurfaceLocks(const SoftSide side[2]) {
+    for (int s = 0; s < 2; s++) {
+      if (side[s].body) lock_[s] = std::unique_lock(side[s].body->contact().state()->mutex, std::defer_lock);
+    }
+    if (lock_[0].mutex() && lock_[1].mutex()) {
+      std::lock(lock_[0], lock_[1]);
+    } else {
+      lock_[lock_[0].mutex() ? 0 : 1].lock();
     }
   }
 
@@ -89,10 +94,10 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
   const double radius = soft.deformed.contact().radius;
-  if (other.LowerBound(soft.state->VertexBox()) > std::max(0.0, margin) + radius + kBoxMargin) return 0;
+  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + radius + kBoxMargin) return 0;
   const Patch& patch = soft.deformed.patch();
   const int n = patch.vertices;
-  const double* vertices = soft.state->Vertices();
+  const double* vertices = soft.state->Vertices(soft.number);
   double* share = scratch->share[side];
   int end = 0, count = 0;
   for (const int size : patch.cluster) {
@@ -129,86 +134,74 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
   return p;
 }
 
-// The features of a geom that touch the patch; normals point out of the soft body.
-int FeatureTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, const Features& features,
-                   double margin, Touch* out) {
+// Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
+int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
   const mjtNum* origin = d->geom_xpos + 3 * geom;
   Mat3 axes;
   std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
-  const auto world = [&](const Vec3& local) { return Vec3{origin[0], origin[1], origin[2]} + Mul(axes, local); };
-  const double reach = kBlend * soft.deformed.contact().radius;
-  // in the geom's axes what may be near is in a box, too
-  const Vec3 centre = MulT(axes, soft.pose.box.centre - Vec3{origin[0], origin[1], origin[2]});
-  Vec3 half{};
-  for (int i = 0; i < 3; i++) {
-    for (int c = 0; c < 3; c++) half[i] += std::abs(axes[3 * c + i]) * (soft.pose.box.half[c] + soft.room);
-  }
-  const AlignedBox box = {centre, half};
-  struct Near {
-    Vec3 p, xi, normal;
-  };
+  Touch touch = {0, Support(m, geom, axes, {origin[0], origin[1], origin[2]}, soft), {}, -1, 0, 0, {}};
+  if (!soft.Distance(touch.position, true, &touch.xi, &touch.distance, &touch.normal)) return 0;
+  if (!(touch.distance < margin) || !Settle(0, &touch)) return 0;
+  *out = touch;
+  return 1;
+}
+
+// The features of a geom, balls of that radius, that touch the patch; normals point out of the soft body. found: where
+// they are in that.
+int FeatureTouches(const MetPoints& found, int patch, double radius, double reach, double margin, Touch* out) {
   constexpr int kMost = 64;  // points of one cluster that count: the first ones of a mesh with more
-  Near near[kMost];
+  const MetPoint* near[kMost];
   double share[kMost];
   int count = 0;
-  for (int c = 0; c < features.clusters.count; c++) {
-    const FeatureCluster& cluster = features.clusters.cluster[c];
-    if (!features.round && cluster.box.Apart(box, 2 * kBoxMargin)) continue;
-    int found = 0;
-    for (size_t i = cluster.begin; i < cluster.end && found < kMost; i++) {
-      const Vec3& position = features.points[i];
-      if (!(features.round || box.Contains(position, kBoxMargin))) continue;
-      Near& candidate = near[found];
-      candidate.p = world(position);
-      if (features.round) candidate.p = Support(m, geom, axes, candidate.p, soft);
-      // has no share in a contact
-      if (soft.Above(candidate.p, std::max(0.0, margin) + reach + features.radius)) continue;
-      if (!soft.Distance(candidate.p, true, &candidate.xi, &share[found], &candidate.normal)) continue;
-      share[found] -= features.radius;
-      found++;
+  for (const MetPoint *met = found.first, *end = met + found.count; met != end;) {
+    int size = 0;
+    for (const int cluster = met->cluster; met != end && met->cluster == cluster; met++) {
+      if (met->patch != patch || size == kMost) continue;
+      near[size] = met;
+      share[size++] = met->distance - radius;
     }
-    if (found == 0) continue;
-    const double distance = ShareOut(share, 0, found, reach);
+    if (size == 0) continue;
+    const double distance = ShareOut(share, 0, size, reach);
     if (!(distance < margin)) continue;
     Touch touch = {distance, {}, {}, -1, 0, 0, {}};
-    for (int i = 0; i < found; i++) {
-      touch.position = touch.position + share[i] * near[i].p;
-      touch.normal = touch.normal + share[i] * near[i].normal;
-      touch.xi = touch.xi + share[i] * near[i].xi;
+    for (int i = 0; i < size; i++) {
+      touch.position = touch.position + share[i] * near[i]->place;
+      touch.normal = touch.normal + share[i] * near[i]->normal;
+      touch.xi = touch.xi + share[i] * near[i]->xi;
     }
-    if (Settle(features.radius, &touch)) out[count++] = touch;
+    if (Settle(radius, &touch)) out[count++] = touch;
   }
   return count;
 }
 
 // The vertices of one patch that touch one of another soft body; normals point out of the other. found: where they are
 // in that body.
-int VertexTouches(const Meetings& mine, const SoftSide& own, int other_patch, const Meetings::Found& found, int side,
-                  double margin, TouchScratch* scratch, Touch* out) {
+int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, int side, double margin,
+                  TouchScratch* scratch, Touch* out) {
+  if (found.count == 0) return 0;
   const double radius = own.body->contact().model().radius;
   const Patch& patch = own.body->contact().model().patches[own.patch];
-  const double* vertices = mine.Vertices(own.patch);
   double* share = scratch->share[side];
-  Vec3 normals[kMaxPatchVertices];
-  const MetVertex *met = found.first, *last = found.first + found.count;
+  const MetPoint* of_vertex[kMaxPatchVertices];
+  const MetPoint *met = found.first, *last = found.first + found.count;
   int begin = 0, count = 0;
   for (const int size : patch.cluster) {
     const int end = begin + size;
     bool near = false;
-    for (; met != last && met->vertex < end; met++) {
+    for (; met != last && met->number < end; met++) {
       if (met->patch != other_patch) continue;
       if (!near) std::fill(share + begin, share + end, mjMAXVAL);
       near = true;
-      share[met->vertex] = met->distance - radius;
-      scratch->xi[side][met->vertex] = met->xi;
-      normals[met->vertex] = met->normal;
+      share[met->number] = met->distance - radius;
+      scratch->xi[side][met->number] = met->xi;
+      of_vertex[met->number] = met;
     }
     if (near) {
       Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
       for (int s = begin; s < end && touch.distance < margin; s++) {
         if (share[s] == 0) continue;
-        touch.position = touch.position + share[s] * Vertex(vertices, patch.vertices, s);
-        touch.normal = touch.normal + share[s] * normals[s];
+        touch.position = touch.position + share[s] * of_vertex[s]->place;
+        touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
       if (touch.distance < margin && Settle(radius, &touch)) out[count++] = touch;
     }
@@ -221,39 +214,64 @@ int VertexTouches(const Meetings& mine, const SoftSide& own, int other_patch, co
 int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
                 TouchScratch* scratch, Touch* out) {
   Meetings* meetings[2];
+  SurfaceState* state[2];
   for (int s = 0; s < 2; s++) {
     meetings[s] = side[s].body->contact().meetings();
+    state[s] = side[s].body->contact().state();
     if (!meetings[s]) return 0;
   }
+  const SurfaceLocks locks(side);
+  for (SurfaceState* one : state) one->Update(d);
+  const double most = meetings[0]->Margin(m) + meetings[1]->Margin(m);
+  const bool is_wide = margin > most;  // a sensor of distance may ask farther than what collides
   int count[2];
-  bool is_wide;  // a sensor of distance may ask farther than what collides
-  {
-    const std::scoped_lock lock(meetings[0]->mutex, meetings[1]->mutex);
-    meetings[0]->Update(m, d);
-    meetings[1]->Update(m, d);
-    const double most = meetings[0]->margin() + meetings[1]->margin();
-    is_wide = margin > most;
-    for (int s = 0; s < 2; s++) {
-      // what is higher has no share in a contact
-      const double height = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
-      const Meetings::Found found = meetings[s]->Find(d, side[s].patch, meetings[1 - s], height);
-      Touch* own = s == 0 ? out : out + count[0];
-      count[s] = VertexTouches(*meetings[s], side[s], side[1 - s].patch, found, s, margin, scratch, own);
-    }
+  for (int s = 0; s < 2; s++) {
+    // what is higher has no share in a contact
+    const double height = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
+    const MetPoints found = meetings[s]->FindVertices(side[s].patch, meetings[1 - s], height);
+    Touch* own = s == 0 ? out : out + count[0];
+    count[s] = VertexTouches(side[s], side[1 - s].patch, found, s, margin, scratch, own);
   }
-  const int total = count[0] + count[1];
   for (int i = 0; i < count[0]; i++) out[i].normal = -1 * out[i].normal;
-  if (total > 0 && !is_wide) {
-    const PatchLocks locks(geom, side);
-    PatchState* state[2];
+  if (count[0] + count[1] > 0 && !is_wide) {
     for (int s = 0; s < 2; s++) {
-      state[s] = side[s].body->contact().states()[side[s].patch].get();
-      state[s]->Update(d);
+      const Touch* own = s == 0 ? out : out + count[0];
+      state[s]->Keep(d, side[s].patch, geom[1 - s], state[1 - s], own, count[s], scratch->share[s], scratch->xi[s]);
     }
-    state[0]->Keep(d, geom[1], state[1], out, count[0], scratch->share[0], scratch->xi[0]);
-    state[1]->Keep(d, geom[0], state[0], out + count[0], count[1], scratch->share[1], scratch->xi[1]);
   }
-  return total;
+  return count[0] + count[1];
+}
+
+// Where a patch touches a rigid geom.
+int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const SoftSide side[2], double margin,
+                 TouchScratch* scratch, Touch* out) {
+  const SurfaceLocks locks(side);
+  const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
+  const SoftContact& contact = side[s].body->contact();
+  const double radius = contact.model().radius, ball = Features::Radius(m, rigid);
+  const double reach = std::max(0.0, margin) + (1 + kBlend) * radius;
+  const GeomQuery query(m, d, contact.meshes(), rigid, reach);
+  if (!query.valid) return 0;
+  // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
+  const double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
+  const Placed soft = Place(contact, side[s].patch, d, room + radius + ball);
+  int count = 0;
+  if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
+    const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
+    if (contact.model().has_volume && m->geom_type[rigid] == mjGEOM_ELLIPSOID) {
+      count += SupportTouches(m, d, rigid, soft, margin, out + count);
+    } else if (contact.model().has_volume) {
+      const double height = std::max(0.0, margin) + kBlend * radius + ball;  // what is higher has no share in a contact
+      const MetPoints found = contact.meetings()->FindFeatures(m, d, rigid, soft.room, height);
+      count += FeatureTouches(found, side[s].patch, ball, kBlend * radius, margin, out + count);
+    }
+    // those of features point out of the soft body, the others into it
+    for (int i = 0; i < count; i++) {
+      if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;
+    }
+  }
+  soft.state->Keep(d, side[s].patch, rigid, nullptr, out, count, scratch->share[s], nullptr);
+  return count;
 }
 
 }  // namespace
@@ -264,30 +282,8 @@ int FindTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   for (int s = 0; s < 2; s++) {
     if (side[s].body && side[s].patch < 0) return 0;
   }
-  if (side[0].body && side[1].body) return SoftTouches(m, d, geom, side, margin, scratch, out);
-  const PatchLocks locks(geom, side);
-  // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
-  const double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
-  const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
-  const SoftContact& contact = side[s].body->contact();
-  const double reach = std::max(0.0, margin) + (1 + kBlend) * contact.model().radius;
-  const GeomQuery query(m, d, contact.meshes(), rigid, reach);
-  if (!query.valid) return 0;
-  const double ball = Features::Radius(m, rigid);
-  const Placed soft = Place(contact, side[s].patch, d, room + contact.model().radius + ball);
-  int count = 0;
-  if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
-    const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
-    if (contact.model().has_volume) {
-      count += FeatureTouches(m, d, rigid, soft, Features(m, contact.meshes(), rigid), margin, out + count);
-    }
-    // those of features point out of the soft body, the others into it
-    for (int i = 0; i < count; i++) {
-      if ((i < vertices) == (s == 0)) out[i].normal = -1 * out[i].normal;
-    }
-  }
-  soft.state->Keep(d, rigid, nullptr, out, count, scratch->share[s], nullptr);
-  return count;
+  const auto find = side[0].body && side[1].body ? SoftTouches : RigidTouches;
+  return find(m, d, geom, side, margin, scratch, out);
 }
 
 int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], TouchScratch* scratch, Touch* out) {
@@ -295,18 +291,19 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
   for (int s = 0; s < 2; s++) {
     if (side[s].body && side[s].patch < 0) return 0;
   }
-  const PatchLocks locks(geom, side);
-  PatchState* state[2] = {};
+  const SurfaceLocks locks(side);
+  SurfaceState* state[2] = {};
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;
-    state[s] = side[s].body->contact().states()[side[s].patch].get();
+    state[s] = side[s].body->contact().state();
     state[s]->Update(d);
   }
   int count = 0;
   for (int s = 0; s < 2; s++) {
     if (!state[s]) continue;
     Touch* own = out + count;
-    const int found = state[s]->Recall(d, geom[1 - s], state[1 - s], own, scratch->share[s], scratch->xi[s]);
+    const int found =
+        state[s]->Recall(d, side[s].patch, geom[1 - s], state[1 - s], own, scratch->share[s], scratch->xi[s]);
     if (found < 0) return 0;
     // sensors of distance, too, search, and may name the two in the other order
     for (int i = 0; i < found; i++) {
@@ -318,9 +315,9 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 }
 
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight) {
-  PatchState* state = side[s].body->contact().states()[side[s].patch].get();
+  SurfaceState* state = side[s].body->contact().state();
   const std::lock_guard lock(state->mutex);
-  const DeformedPatch deformed = state->Deformed();
+  const DeformedPatch deformed = state->Deformed(side[s].patch);
   if (touch.side < 0) {
     Vec3 xi = touch.xi;
     deformed.AddWeights(deformed.Find(touch.position, false, &xi) ? xi : touch.xi, 1, weight);
@@ -338,7 +335,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight) {
-  const std::lock_guard lock(side.body->contact().states()[side.patch]->mutex);
+  const std::lock_guard lock(side.body->contact().state()->mutex);
   const Placed soft = Place(side.body->contact(), side.patch, d, 0);
   Vec3 xi, normal;
   double distance;

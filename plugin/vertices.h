@@ -3,6 +3,7 @@
 #ifndef MJFRAMES_PLUGIN_VERTICES_H_
 #define MJFRAMES_PLUGIN_VERTICES_H_
 
+#include <algorithm>
 #include <vector>
 
 #include "linear.h"
@@ -21,7 +22,7 @@ AlignedBox BoxAround(const double* vertices, int n);
 // Boxes, several of which are measured together.
 class Boxes {
  public:
-  explicit Boxes(size_t count) : padded_(PadToWide(count)), bounds_(6 * padded_), square_(padded_) {}
+  explicit Boxes(size_t count) : count_(count), padded_(PadToWide(count)), bounds_(6 * padded_), square_(padded_) {}
 
   void Set(size_t i, const AlignedBox& box) {
     for (int c = 0; c < 3; c++) {
@@ -33,10 +34,16 @@ class Boxes {
   // The squares of how far p is from each, zero inside.
   const double* SquaresTo(const Vec3& p);
 
+  // Whether p is in one of them or no farther away than `margin`.
+  bool AnyWithin(const Vec3& p, double margin) {
+    const double* squares = SquaresTo(p);
+    return std::any_of(squares, squares + count_, [=](double square) { return square <= margin * margin; });
+  }
+
  private:
   static size_t PadToWide(size_t n) { return (n + kWideLanes - 1) / kWideLanes * kWideLanes; }
 
-  size_t padded_;
+  size_t count_, padded_;
   std::vector<double> bounds_;  // least, then largest, of each component
   std::vector<double> square_;
 };

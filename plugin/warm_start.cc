@@ -40,7 +40,7 @@ bool IsTaken(const mjModel* m, const mjData* d, int row) {
   const int island = d->nisland > 0 ? d->efc_island[row] : -1;
   const int rows = island < 0 ? d->nefc : d->island_nefc[island];
   const int dofs = static_cast<int>(island < 0 ? m->nv : d->island_nv[island]);
-  return rows <= std::min(kMostRows, std::max(kFewRows, dofs));
+  return rows <= std::min(kMostRows, std::max(kFewRows, 2 * dofs));
 }
 
 bool TouchesSoft(const mjModel* m, const mjData* d, int row) {

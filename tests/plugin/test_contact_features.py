@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from builders.scenes import compiled
+from builders.scenes import beam, compiled
 from builders.slabs import slab
 
 from mjframes.body.build import build
@@ -111,3 +111,47 @@ def test_a_ball_and_its_distance() -> None:
     node = np.stack(np.unravel_index(lattice.node, lattice.shape), axis=1)
     distance = np.linalg.norm(lattice.origin + lattice.spacing * node - 0.12, axis=1) - 0.1
     assert np.abs(lattice.distance - distance).max() < 0.2 * 0.01
+
+
+def contacts_with(model: mujoco.MjModel, data: mujoco.MjData, geom: str) -> np.ndarray:
+    """Distances and places (n, 4) of a geom's contacts."""
+    own = [c for c in data.contact if model.geom(geom).id in c.geom]
+    return np.array(sorted([c.dist, *c.pos] for c in own))
+
+
+def test_many_geoms_touch_as_each_of_them_does_alone() -> None:
+    """More of them than a soft body keeps the features of."""
+    names = [f"box{i}" for i in range(24)]
+    places = [(0.03 + 0.028 * (i % 6), 0.03 + 0.045 * (i // 6), 0.051) for i in range(24)]
+    boxes = [
+        f'<geom name="{name}" type="box" size=".004 .004 .004" euler="45 35.26 {7 * i}" pos="{x} {y} {z}"/>'
+        for i, (name, (x, y, z)) in enumerate(zip(names, places, strict=True))
+    ]
+    scene = "<mujoco><option gravity='0 0 0'/><worldbody><body><freejoint/>{}</body></worldbody></mujoco>"
+
+    def found(some: list[str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        model, data = compiled(scene.format("".join(some)), (slab(), (0, 0, 0), (1, 0, 0, 0)))
+        mujoco.mj_forward(model, data)
+        return model, data
+
+    together = found(boxes)
+    for name, box in zip(names, boxes, strict=True):
+        alone = contacts_with(*found([box]), name)
+        assert len(alone) > 0
+        np.testing.assert_array_equal(contacts_with(*together, name), alone)
+
+
+def test_features_are_looked_for_again_where_the_soft_body_has_moved() -> None:
+    """A beam falls on an edge that stays where it is: its contacts are always those that a new mjData finds."""
+    edge = '<geom name="edge" type="box" size=".004 .05 .004" euler="0 45 0" pos=".1 .02 0"/>'
+    model, data = compiled(f"<mujoco><worldbody>{edge}</worldbody></mujoco>", (beam(), (0, 0, 0.02), (1, 0, 0, 0)))
+    touching = 0
+    for _ in range(60):
+        mujoco.mj_step(model, data)
+        mujoco.mj_fwdPosition(model, data)
+        fresh = mujoco.MjData(model)
+        mujoco.mj_copyData(fresh, model, data)
+        mujoco.mj_fwdPosition(model, fresh)
+        touching += data.ncon > 0
+        np.testing.assert_array_equal(contacts_with(model, data, "edge"), contacts_with(model, fresh, "edge"))
+    assert touching > 20
