@@ -88,6 +88,15 @@ void SumSubtrees(const std::vector<Mover>& movers, double* sums, double* weight)
   }
 }
 
+// Row a of the blocks of a path, up to the diagonal, to (or on top of) a row of d->M.
+template <bool replaces>
+void StoreRow(const double* block, int depth, int a, double rigid, double* M) {
+  for (int upper = 0; upper <= depth; upper++, block += 9, M += 3) {
+    for (int c = 0; c < (upper < depth ? 3 : a + 1); c++) M[c] = (replaces ? 0 : M[c]) + block[c];
+    if (replaces) M[a] += rigid;
+  }
+}
+
 // By columns: row[depth] becomes the sum from there on.
 void SumPath(double* row, int depth) {
   Lanes front = Load(row + 9 * depth), back = Load(row + 9 * depth + 4);
@@ -158,16 +167,16 @@ void Kinematics::StoreSlideInertia(const double* stiffness, double stiffness_sca
     if (free_) {  // see StripTranslation
       for (int e = 0; e < 9; e++) row[e] = e % 4 == 0 ? weight_[n] : 0;
     }
-    const int* entry = entry_.data() + mover.entry;  // of a row of d->M, whose columns of one path are neighbours
+    const double rigid = d->crb[10 * mover.body + 9];  // on the diagonals of its blocks
+    const int* entry = entry_.data() + mover.entry;    // of a row of d->M, whose columns of one path are neighbours
     for (int a = 0; a < 3; entry += 3 * mover.depth + a + 1, a++) {
       double* M = d->M + *entry;
-      const int columns = 3 * mover.depth + a + 1;
       if (replaces_) {
-        std::fill_n(M, columns, 0.0);
-        for (int b = a; b < columns; b += 3) M[b] = d->crb[10 * mover.body + 9];
-        M[columns - 1] += m->dof_armature[mover.dof + a];
+        StoreRow<true>(row + 3 * a, mover.depth, a, rigid, M);
+        M[3 * mover.depth + a] += m->dof_armature[mover.dof + a];
+      } else {
+        StoreRow<false>(row + 3 * a, mover.depth, a, 0, M);
       }
-      for (int b = 0; b < columns; b++) M[b] += row[9 * (b / 3) + 3 * a + b % 3];
     }
   }
 }
