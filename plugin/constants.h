@@ -57,7 +57,7 @@ inline constexpr int kJacobiSweeps = 12;      // a 4×4 symmetric matrix needs a
 inline constexpr int kSvdSweeps = 8;          // a 3×3 matrix needs 3 to 5
 inline constexpr double kOrthogonal = 1e-30;  // [-] squared cosine between columns that counts as zero
 
-// Kinematics and factorization (kinematics.h, factor.h)
+// Kinematics and elimination (kinematics.h, elimination.h)
 
 inline constexpr int kMaxCarried = 10;     // points on one body: those of a quadratic frame
 inline constexpr double kSameMass = 1e-4;  // [-] of a body's mass: the model's masses have six digits
@@ -68,7 +68,8 @@ inline constexpr int kTile = 4;            // rows that are updated together
 
 inline constexpr size_t kStackReserve = 1 << 16;  // [bytes] of mjData's stack that are left to others
 inline constexpr int kFewRows = 64;          // of an island, that are solved for however few its degrees of freedom are
-inline constexpr int kMostRows = 1024;       // of an island: beyond, the factors of its rows cost more than MuJoCo's
+inline constexpr int kMostRows = 1024;       // of an island: beyond, the factors of its rows cost more than MuJoCo's,
+                                             // and elimination.cc has no memory for them
 inline constexpr int kMostIterations = 30;   // of Newton's method; three are usual
 inline constexpr int kLineSearchSteps = 30;  // halving alone gets as far as rounding
 inline constexpr double kLineSearchSlope = 1e-9;  // [-] of the first one, that counts as zero
@@ -87,18 +88,19 @@ inline constexpr double kTrusted = 2;  // [cubes]
 // A node of which the rows have less weight than this belongs to another branch of the tree.
 inline constexpr double kLeastInRows = 0.5;                           // [-]
 inline constexpr int kTrustedCubes = static_cast<int>(kTrusted) + 1;  // [cubes]
-// What is kept while the control points stay where they are; every mjData has it for every soft body.
+// What is kept while the control points stay where they are; every mjData has it for every soft body, or patch.
 inline constexpr int kKeptTouches = 4;     // geoms that a patch keeps its touches with
-inline constexpr size_t kKeptNodes = 256;  // of the lattice
+inline constexpr size_t kKeptNodes = 256;  // of the lattice: those around a finger or two
 // Where the scene has other soft bodies, a patch meets more geoms, and their vertices many nodes:
 inline constexpr int kKeptSoftTouches = 8;
 inline constexpr size_t kKeptSoftNodes = 4096;
 // Where points of others are (meetings.h)
 inline constexpr int kKeptMeetings = 4;          // other bodies of which a patch keeps where its vertices are in them
-inline constexpr size_t kKeptFeatureGeoms = 16;  // rigid geoms of which a body keeps where their features are in it …
-inline constexpr size_t kKeptFeatures = 192;     // … and so many features of all: one with more has no more contacts
+inline constexpr size_t kKeptFeatureGeoms = 64;  // rigid geoms of which a body keeps where their features are in it …
+inline constexpr size_t kKeptFeatures = 192;     // … and so many features of all, or those of the largest mesh
 inline constexpr double kSureStep = 2;           // [cubes] from one vertex to the next, off by a quarter at most
-inline constexpr double kTrailStep = 20;      // [cubes] from one point to the next, beyond which the first tells little
+// [cubes] from one point to the next: across a patch; from farther away a nearest vertex is the better guess.
+inline constexpr double kTrailStep = 20;
 inline constexpr size_t kSharedVertices = 4;  // one in so many may be midway between patches of the other body
 
 inline constexpr double kFound = 1e-13;  // [m] rounding of a world position

@@ -22,11 +22,11 @@ struct DeformedNode {
 
   // in_rows: whether rows have each control point, null where they have all. x: of the control points in the world, by
   // control point [m].
-  static DeformedNode Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int node);
+  static DeformedNode Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int number);
 };
 
 // Nodes that all control points move. Each is found when it is asked for and kept in a place that it shares with
-// others.
+// others. Those of which the rows of a patch leave something out, rare ones, are made anew each time.
 class DeformedNodes {
  public:
   // places: how many; not asked for any node where there are none.

@@ -15,7 +15,7 @@
 
 namespace mjframes {
 
-// Room that a row of n entries takes: eliminations write beyond its end.
+// How many numbers a row of n entries takes: eliminations write beyond its end.
 constexpr int PadToTile(int n) { return (n + kTile - 1 + kWideLanes - 1) / kWideLanes * kWideLanes; }
 
 // Eliminates a chain of `size`. U: its rows, `above` entries each before the chain's own; row: those above it. scaled:

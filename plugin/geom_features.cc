@@ -13,7 +13,7 @@ constexpr double kPi = 3.14159265358979323846;
 
 int Octant(const Vec3& p) { return (p[0] > 0) + 2 * (p[1] > 0) + 4 * (p[2] > 0); }
 
-// Puts points into the order of their clusters, of those of a cluster that of before, and finds their boxes.
+// Puts points into the order of their clusters, of those of a cluster that of before.
 FeatureClusters Sort(const Vec3* points, const int* cluster, size_t n, Vec3* sorted) {
   size_t next[kMaxFeatureClusters + 1] = {};  // where the next point of each cluster goes
   for (size_t i = 0; i < n; i++) next[cluster[i] + 1]++;
@@ -23,14 +23,7 @@ FeatureClusters Sort(const Vec3* points, const int* cluster, size_t n, Vec3* sor
   size_t begin = 0;
   for (int c = 0; c < kMaxFeatureClusters; begin = next[c++]) {
     if (next[c] == begin) continue;
-    Vec3 low = sorted[begin], high = low;
-    for (size_t i = begin + 1; i < next[c]; i++) {
-      for (int a = 0; a < 3; a++) {
-        low[a] = std::min(low[a], sorted[i][a]);
-        high[a] = std::max(high[a], sorted[i][a]);
-      }
-    }
-    out.cluster[out.count++] = {begin, next[c], {0.5 * (low + high), 0.5 * (high - low)}};
+    out.cluster[out.count++] = {begin, next[c]};
   }
   return out;
 }
@@ -105,10 +98,6 @@ void Features::SetBox(const mjtNum* half) {
   std::transform(kUnitBox.points, kUnitBox.points + UnitBox::kCount, sorted_, scaled);
   points = sorted_;
   clusters = kUnitBox.clusters;
-  for (int c = 0; c < clusters.count; c++) {
-    AlignedBox& box = clusters.cluster[c].box;
-    box = {scaled(box.centre), scaled(box.half)};
-  }
 }
 
 void Features::AddCylinder(double radius, double half) {
@@ -135,15 +124,11 @@ double Features::Radius(const mjModel* m, int geom) {
   return type == mjGEOM_SPHERE || type == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
 }
 
-Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) : radius(Radius(m, geom)) {
+Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) {
   const mjtNum* size = m->geom_size + 3 * geom;
   const int mesh = m->geom_plugin[geom] < 0 ? m->geom_dataid[geom] : -1;
   switch (m->geom_type[geom]) {
     case mjGEOM_SPHERE:
-      Add({0, 0, 0}, 0);
-      break;
-    case mjGEOM_ELLIPSOID:
-      round = true;
       Add({0, 0, 0}, 0);
       break;
     case mjGEOM_CAPSULE:

@@ -18,10 +18,9 @@
 
 namespace mjframes {
 
-// Features begin … end of a geom, and a box around them in the geom's axes.
+// Features begin … end of a geom.
 struct FeatureCluster {
   size_t begin, end;
-  AlignedBox box;
 };
 
 // Points in a geom's axes [m], cluster after cluster; no more clusters than with points.
@@ -52,7 +51,8 @@ using CollisionMeshes = std::vector<std::shared_ptr<const CollisionMesh>>;
 // Those of the model, shared with whoever has the same.
 CollisionMeshes FindCollisionMeshes(const mjModel* m);
 
-// The features of one geom, by its size now; none for planes, height fields and SDF plugins.
+// The features of one geom, by its size now; none for planes, height fields, SDF plugins, and ellipsoids, whose point
+// depends on the soft surface.
 class Features {
  public:
   Features(const mjModel* m, const CollisionMeshes& meshes, int geom);
@@ -61,8 +61,6 @@ class Features {
   // Of the balls around the points [m].
   static double Radius(const mjModel* m, int geom);
 
-  double radius = 0;
-  bool round = false;  // an ellipsoid: the one point follows the soft surface's normal
   const Vec3* points = nullptr;
   FeatureClusters clusters;
 

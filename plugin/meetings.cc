@@ -9,7 +9,21 @@ namespace mjframes {
 
 using Result = DeformedPatch::Search;
 
-Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, SurfaceState* state)
+namespace {
+
+// Of the features of one geom of the scene, each of which may be there for several patches.
+size_t MostFeatures(const CollisionMeshes& meshes) {
+  size_t most = 0;
+  for (const auto& mesh : meshes) {
+    if (mesh) most = std::max(most, mesh->features.points.size());
+  }
+  return most + most / kSharedVertices;
+}
+
+}  // namespace
+
+Meetings::Meetings(const mjModel* m, const ContactModel& contact, const CollisionMeshes& meshes, bool pairs,
+                   SurfaceState* state)
     : contact_(contact),
       meshes_(meshes),
       state_(state),
@@ -17,12 +31,12 @@ Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, b
       material_boxes_(contact.patches.size()),
       kept_(pairs ? contact.patches.size() : 0),
       next_(kept_.size()),
-      met_(kKeptFeatures) {
+      met_(std::max(kKeptFeatures, MostFeatures(meshes))) {
   for (size_t i = 0; i < kept_.size(); i++) {
     const size_t n = contact.patches[i].vertices;
     for (Meeting& meeting : kept_[i]) meeting.found.resize(n + n / kSharedVertices);
   }
-  features_.reserve(kKeptFeatureGeoms);
+  features_.reserve(std::min(kKeptFeatureGeoms, static_cast<size_t>(m->ngeom)));
 }
 
 double Meetings::Margin(const mjModel* m) {
@@ -96,28 +110,30 @@ MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, do
   const GeomPlace place = PlaceOf(d, geom);
   const mjtNum* half = m->geom_size + 3 * geom;
   const Vec3 size = {half[0], half[1], half[2]};
+  const int type = m->geom_type[geom], data = m->geom_dataid[geom];
   const auto same = [&](const FeatureMeeting& kept) {
-    return kept.geom == geom && kept.room == room && kept.height == height && kept.place == place && kept.size == size;
+    return kept.geom == geom && kept.type == type && kept.data == data && kept.room == room && kept.height == height &&
+           kept.place == place && kept.size == size;
   };
   const auto known = std::find_if(features_.begin(), features_.end(), same);
   if (known != features_.end()) return {met_.data() + known->begin, known->count};
-  if (features_.size() == kKeptFeatureGeoms) features_.clear();
   const Features features(m, meshes_, geom);
+  if (features.clusters.count == 0) return {nullptr, 0};
+  if (features_.size() == features_.capacity()) features_.clear();
   for (;;) {
     const int begin = features_.empty() ? 0 : features_.back().begin + features_.back().count;
     Sink sink = {met_.data() + begin, 0, static_cast<int>(met_.size()) - begin};
     SearchFeatures(features, d, geom, room, height, &sink);
     if (sink.count < sink.most || begin == 0) {
-      features_.push_back({geom, place, size, room, height, begin, sink.count});
+      features_.push_back({geom, type, data, place, size, room, height, begin, sink.count});
       return {sink.out, sink.count};
     }
-    features_.clear();  // for want of room
+    features_.clear();  // it did not fit in beside those
   }
 }
 
 void Meetings::SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height,
                               Sink* sink) {
-  if (features.round) return;
   if (posed_ != state_->version()) {
     posed_ = state_->version();
     for (int i = 0; i < static_cast<int>(contact_.patches.size()); i++) material_boxes_.Set(i, state_->Pose(i).box);
@@ -128,10 +144,11 @@ void Meetings::SearchFeatures(const Features& features, const mjData* d, int geo
   for (int c = 0; c < features.clusters.count; c++) {
     const FeatureCluster& cluster = features.clusters.cluster[c];
     Trail trail;
-    for (size_t i = cluster.begin; i < cluster.end; i++) {
+    for (size_t i = cluster.begin; i < cluster.end && sink->count < sink->most; i++) {
       const Vec3 p = Vec3{origin[0], origin[1], origin[2]} + Mul(axes, features.points[i]);
       if (!material_boxes_.AnyWithin(p, room)) continue;
       Measure();
+      trail.apart = 0;  // one deep inside may leave the lattice, too, and others are then not far
       Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, &trail, sink);
     }
   }

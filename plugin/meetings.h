@@ -44,14 +44,15 @@ struct MetPoints {
 class Meetings {
  public:
   // pairs: whether the scene has patches of other soft bodies.
-  Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, SurfaceState* state);
+  Meetings(const mjModel* m, const ContactModel& contact, const CollisionMeshes& meshes, bool pairs,
+           SurfaceState* state);
 
   // The vertices of a patch that are in the other body or no higher above its surface than `height` [m], and maybe
   // others.
   MetPoints FindVertices(int patch, Meetings* other, double height);
 
   // The features of a rigid geom that are in this body or no higher above its surface, and no farther from its patches
-  // than `room` [m], and maybe others. None of ellipsoids, whose features depend on who asks.
+  // than `room` [m], and maybe others.
   MetPoints FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height);
 
   // The largest margin and gap of its geoms when it moved last [m].
@@ -69,7 +70,7 @@ class Meetings {
 
   // Of a rigid geom.
   struct FeatureMeeting {
-    int geom;
+    int geom, type, data;  // as it is now
     GeomPlace place;
     Vec3 size;
     double room, height;
@@ -84,7 +85,7 @@ class Meetings {
     double apart = 0;
   };
 
-  // What was found, and room for more.
+  // What was found, and how much fits in.
   struct Sink {
     MetPoint* out;
     int count, most;

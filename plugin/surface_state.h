@@ -3,7 +3,7 @@
 //
 // MuJoCo asks for contacts first, on several threads where it has a pool, and for their rows later. What was found is
 // kept from one to the other. Nothing tells when mjData was changed in between, or copied; so whoever asks hands it in,
-// and what was made of other positions is forgotten and made again.
+// and what was made of other positions is forgotten and made again. One thread at a time has a soft body.
 
 #ifndef MJFRAMES_PLUGIN_SURFACE_STATE_H_
 #define MJFRAMES_PLUGIN_SURFACE_STATE_H_

@@ -18,7 +18,7 @@ from mjframes.kinematics.control import ControlPoints
 
 CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
 FEW = 2 * CLUSTERS  # [spheres] fewer join another patch: a geom costs time whether it touches or not …
-SMALL = 0.25  # [-] of the largest patch: … but not where all are small, and such a face is what a body stands on
+SMALL = 0.5  # [-] of the frame's largest patch: … but not where all are alike, and such a face is what a foot stands on
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,8 @@ def group_patches(
     axis = np.argmax(np.abs(normals), axis=1)
     facing = 2 * axis + (normals[np.arange(len(normals)), axis] > 0)
     kind = 6 * deepest + facing
-    few = min(FEW, SMALL * np.unique(kind, return_counts=True)[1].max())
     for frame in np.unique(deepest):
-        kind[deepest == frame] = _joined(kind[deepest == frame], few)
+        kind[deepest == frame] = _joined(kind[deepest == frame])
     patch = np.unique(kind, return_inverse=True)[1]
     cluster = np.zeros(len(centers), int)
     for number in range(patch.max() + 1):
@@ -57,9 +56,10 @@ def group_patches(
     return Patches(order, patch[order], cluster[order])
 
 
-def _joined(kind: np.ndarray, few: float) -> np.ndarray:
-    """(s,) the kind of each sphere; the smallest joins the next one while it has less than so many."""
+def _joined(kind: np.ndarray) -> np.ndarray:
+    """(s,) the kind of each sphere of a frame; the smallest joins the next one while it has few."""
     kind = kind.copy()
+    few = min(FEW, SMALL * np.unique(kind, return_counts=True)[1].max())
     while True:
         kinds, counts = np.unique(kind, return_counts=True)
         order = np.argsort(counts, kind="stable")

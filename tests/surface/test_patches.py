@@ -74,6 +74,18 @@ def test_small_patches_stay_where_all_are_small() -> None:
     assert np.bincount(group_patches(centers, normals, weights, control(1)).patch).tolist() == [4] * 6
 
 
+def test_a_small_frame_keeps_faces_that_are_alike() -> None:
+    """A foot of a large body: it stands on one of them."""
+    counts = [60] * 6 + [7] * 6  # of a frame, then of another
+    kind = np.repeat(np.arange(12), counts)
+    normals = NORMALS[[1, 0, 3, 2, 5, 4]][kind % 6]
+    weights = np.zeros((len(kind), 8))
+    weights[np.arange(len(kind)), 4 * (kind // 6)] = 1
+    centers = np.random.default_rng(0).random((len(kind), 3))
+    patches = group_patches(centers, normals, sparse.csr_array(weights), control(2))
+    assert np.bincount(patches.patch).tolist() == counts
+
+
 def test_patches_are_in_the_order_of_their_bodies(spheres) -> None:
     centers, normals, weights = spheres
     patches = group_patches(centers, normals, weights, control(4))
