@@ -152,7 +152,6 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
         console.print(f"{name:9}  {text}", highlight=False)
     volume = Volume.load(VOLUME)
     console.print(f"{'volume':9}  {VOLUME.name}, {(volume.labels > 0).sum()} voxels", highlight=False)
-    rounds = QUICK_ROUNDS if quick else ROUNDS
 
     sizes = [size for papers in PAPER for size in (Size(papers.frames), papers)]
     with _progress(console) as progress:
@@ -167,7 +166,7 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
         with _progress(console) as progress:
             progress.add_task("building bodies of many frames", total=None)
             bodies |= {frames: build(coarse, frames) for frames in MANY_FRAMES}
-    speeds, profiles, note = measure_everything(console, bodies, rounds, mujoco4)
+    speeds, profiles, note = measure_everything(console, bodies, quick, mujoco4)
     show(console, step_table(speeds, STEAK), STEP_NOTE)
     if of(speeds, body=BEAM):
         show(console, flex_table(speeds), note)
@@ -175,7 +174,7 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
         console.print(note, highlight=False)
     show(console, profile_table(profiles), PROFILE_NOTE)
 
-    costs = [measure_cost(volume, sizes[0], law, rounds) for law in LAWS]
+    costs = [measure_cost(volume, sizes[0], law, QUICK_ROUNDS if quick else ROUNDS) for law in LAWS]
     show(console, cost_table(costs), COST_NOTE)
 
     builds = {one.size.frames: one.processor for one in buildings if one.size.samples is None}
@@ -209,7 +208,7 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
 
 
 def measure_everything(
-    console: Console, bodies: Mapping[int, SoftBody], rounds: int, mujoco4: str | None
+    console: Console, bodies: Mapping[int, SoftBody], quick: bool, mujoco4: str | None
 ) -> tuple[list[Speed], dict[int, dict[str, float]], str]:
     """Return the speeds of the bodies, by frames, and of the beam beside flex; shares of steps in contact; what is to
     be said of flex.
@@ -222,6 +221,7 @@ def measure_everything(
         groups = {key: group for key, group in found.items() if group}
         beams, note = flex_groups(process) if process else ([], HOW)
         everything = [*groups.values(), *beams]
+        rounds = QUICK_ROUNDS if quick else ROUNDS
         progress.update(task, description="stepping", total=rounds * len(everything), completed=0)
         speeds = measure_steps(everything, rounds, lambda: progress.advance(task))
         progress.update(task, description="shares of a step", total=None)
@@ -231,7 +231,7 @@ def measure_everything(
             if (frames, "contact") in groups
         }
         progress.update(task, description="counting instructions")
-        return counted(speeds, everything), profiles, note
+        return counted(speeds, everything, simulate=not quick), profiles, note
 
 
 def flex_groups(process: FlexProcess) -> tuple[list[Group], str]:

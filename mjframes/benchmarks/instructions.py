@@ -1,4 +1,4 @@
-"""How many instructions a step takes, by Linux's `perf`: what a busy machine does not change."""
+"""How many instructions a step takes, by Linux's `perf` or by valgrind: what a busy machine does not change."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from mjframes.benchmarks.step_scenes import Run
 from mjframes.scene import plugin
 
 EVENT = "instructions:u"
+SIMULATED = 2000  # [degrees of freedom × steps] that valgrind, fifty times slower than the processor, is given
 STEPPING = """
 import sys
 import mujoco
@@ -37,17 +38,44 @@ def instructions(run: Run, steps: int) -> float | None:
     if shutil.which("perf") is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
-        mujoco.mj_saveModel(run.model, f"{folder}/model.mjb")
-        np.save(f"{folder}/state.npy", run.state)
-        before, after = (_count(Path(folder), number) for number in (0, steps))
+        _save(run, folder)
+        before, after = (_count(folder, number) for number in (0, steps))
     return None if before is None or after is None else (after - before) / steps
 
 
-def _count(folder: Path, steps: int) -> int | None:
+def simulated_instructions(run: Run) -> float | None:
+    """Return those of the run's first steps by valgrind, in seconds; None where it is missing.
+
+    Valgrind 3.19 knows no AVX-512: the plugin does then what it does on processors with AVX2.
+    """
+    if shutil.which("valgrind") is None:
+        return None
+    steps = max(1, min(10, SIMULATED // run.dofs))
+    with tempfile.TemporaryDirectory() as folder:
+        _save(run, folder)
+        counted = Path(folder) / "counted.out"
+        only = ["--collect-atstart=no", "--toggle-collect=mj_step", f"--callgrind-out-file={counted}"]
+        done = subprocess.run(["valgrind", "--tool=callgrind", *only, *_stepping(folder, steps)], capture_output=True)
+        lines = counted.read_text().splitlines() if counted.is_file() else []
+    total = next((line.split()[1] for line in lines if line.startswith("totals:")), "")
+    return int(total) / steps if done.returncode == 0 and total.isdigit() else None
+
+
+def _save(run: Run, folder: str) -> None:
+    """Write what the process needs that is counted."""
+    mujoco.mj_saveModel(run.model, f"{folder}/model.mjb")
+    np.save(f"{folder}/state.npy", run.state)
+
+
+def _stepping(folder: str, steps: int) -> list[str]:
+    """The command of that process."""
+    return [sys.executable, "-c", STEPPING, str(plugin.library_path()), folder, str(steps)]
+
+
+def _count(folder: str, steps: int) -> int | None:
     """Those of a process that makes so many steps."""
-    counted = folder / "counted.csv"
-    command = [sys.executable, "-c", STEPPING, str(plugin.library_path()), str(folder), str(steps)]
-    perf = ["perf", "stat", "-x", ",", "-e", EVENT, "-o", str(counted), *command]
+    counted = Path(folder) / "counted.csv"
+    perf = ["perf", "stat", "-x", ",", "-e", EVENT, "-o", str(counted), *_stepping(folder, steps)]
     done = subprocess.run(perf, capture_output=True)
     lines = counted.read_text().splitlines() if counted.is_file() else []
     number = next((line.split(",")[0] for line in lines if EVENT in line), "")

@@ -28,7 +28,8 @@ STEP_NOTE = (
     "\n".join(f"{scene}: {words}." for scene, words in SCENES.items())
     + f"""
 × {BARE}: over the same MuJoCo bodies without the plugin, with as many contacts.
-growth: exponent of the time in the number of frames.  –: left out, a run takes minutes, or not counted."""
+growth: exponent of the time in the number of frames.  –: left out, a run takes minutes, or not counted.
+instr.: by `perf`, or valgrind, which knows no AVX-512; in `--quick` by `perf` alone."""
 )
 PROFILE_NOTE = """\
 position: kinematics, inertia and its factorization.  collision: contacts of the patches.

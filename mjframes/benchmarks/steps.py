@@ -9,7 +9,7 @@ from statistics import median
 
 import numpy as np
 
-from mjframes.benchmarks.instructions import instructions
+from mjframes.benchmarks.instructions import instructions, simulated_instructions
 from mjframes.benchmarks.profile import PARTS, contact_share, profile
 from mjframes.benchmarks.step_scenes import BARE, OURS, Run, Steps, bare_run, soft_run
 from mjframes.body.soft_body import SoftBody
@@ -74,11 +74,19 @@ def measure(groups: Sequence[Group], rounds: int, progress: Callable[[], None] =
     ]
 
 
-def counted(speeds: Sequence[Speed], groups: Sequence[Group]) -> list[Speed]:
-    """Return the speeds, those of models of this process with the instructions of a step."""
+def counted(speeds: Sequence[Speed], groups: Sequence[Group], simulate: bool) -> list[Speed]:
+    """Return the speeds, those of models of this process with the instructions of a step.
+
+    simulate: whether valgrind counts those of soft bodies where `perf` cannot, which takes some 20 s each.
+    """
+
+    def count(run: Run, steps: int) -> float | None:
+        found = instructions(run, steps)
+        return simulated_instructions(run) if found is None and simulate and run.contender == OURS else found
+
     runs = [(group.steps, run) for group in groups for run in group.runs]
     return [
-        replace(speed, instructions=instructions(run, steps)) if isinstance(run, Run) else speed
+        replace(speed, instructions=count(run, steps)) if isinstance(run, Run) else speed
         for speed, (steps, run) in zip(speeds, runs, strict=True)
     ]
 

@@ -159,6 +159,27 @@ def test_instructions_are_those_beyond_no_steps(
     assert instructions.instructions(groups["free"][0], 10) is None
 
 
+def test_instructions_by_valgrind_are_those_of_steps_alone(
+    groups: dict[str, tuple[Run, Run]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, bare = groups["contact"]
+
+    def valgrind(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        assert "--toggle-collect=mj_step" in command
+        out = next(option.split("=", 1)[1] for option in command if option.startswith("--callgrind-out-file="))
+        Path(out).write_text(f"events: Ir\nsummary: 5\n\ntotals: {7 * int(command[-1])}\n")
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(instructions.shutil, "which", lambda name: f"/usr/bin/{name}" if name == "valgrind" else None)
+    monkeypatch.setattr(instructions.subprocess, "run", valgrind)
+    speeds = [invented(run.frames, "contact", one.contender, 1e-6) for one in (run, bare)]
+    found = steps.counted(speeds, [Group(10, (run, bare))], simulate=True)
+    assert [speed.instructions for speed in found] == [7, None]
+    assert steps.counted(speeds, [Group(10, (run, bare))], simulate=False) == speeds
+    monkeypatch.setattr(instructions.shutil, "which", lambda name: None)
+    assert instructions.simulated_instructions(run) is None
+
+
 def test_the_process_that_is_counted_makes_the_steps(groups: dict[str, tuple[Run, Run]], tmp_path: Path) -> None:
     run, _ = groups["contact"]
     mujoco.mj_saveModel(run.model, str(tmp_path / "model.mjb"))
