@@ -2,7 +2,7 @@
 #   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
 #   make test          all tests, on the MuJoCo that dm_control supports
 #   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
-#   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes
+#   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
 #   make wheels        a wheel for x86-64 and one for aarch64, with a library for every MuJoCo, and a source distribution: dist/
