@@ -22,7 +22,7 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
 
 }  // namespace
 
-Meetings::Meetings(const mjModel* m, const ContactModel& contact, const CollisionMeshes& meshes, bool pairs,
+Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, size_t rigid,
                    SurfaceState* state)
     : contact_(contact),
       meshes_(meshes),
@@ -36,7 +36,7 @@ Meetings::Meetings(const mjModel* m, const ContactModel& contact, const Collisio
     const size_t n = contact.patches[i].vertices;
     for (Meeting& meeting : kept_[i]) meeting.found.resize(n + n / kSharedVertices);
   }
-  features_.reserve(std::min(kKeptFeatureGeoms, static_cast<size_t>(m->ngeom)));
+  features_.reserve(std::min(kKeptFeatureGeoms, rigid));
 }
 
 double Meetings::Margin(const mjModel* m) {

@@ -44,8 +44,8 @@ struct MetPoints {
 class Meetings {
  public:
   // pairs: whether the scene has patches of other soft bodies.
-  Meetings(const mjModel* m, const ContactModel& contact, const CollisionMeshes& meshes, bool pairs,
-           SurfaceState* state);
+  // rigid: how many other geoms it has.
+  Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, size_t rigid, SurfaceState* state);
 
   // The vertices of a patch that are in the other body or no higher above its surface than `height` [m], and maybe
   // others.

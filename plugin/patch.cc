@@ -75,6 +75,19 @@ std::vector<int32_t> Walk(const std::vector<Vec3>& vertex, const std::vector<int
   return walk;
 }
 
+// Where a patch's vertices are at rest [m].
+std::vector<Vec3> RestVertices(const Patch& patch, const Kinematics& kinematics) {
+  const size_t n = patch.vertices;
+  std::vector<Vec3> vertex(n);
+  for (size_t s = 0; s < n; s++) {
+    for (size_t a = 0; a < patch.point.size(); a++) {
+      vertex[s] = vertex[s] + patch.weight[a * n + s] * kinematics.points()[patch.point[a]].rest;
+    }
+    for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
+  }
+  return vertex;
+}
+
 }  // namespace
 
 PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, const Kinematics& kinematics,
@@ -144,31 +157,27 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
 }
 
 void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
-  const Patch& patch = contact.patches[number];
-  const size_t n = patch.vertices;
-  std::vector<Vec3> vertex(n);
-  for (size_t s = 0; s < n; s++) {
-    for (size_t a = 0; a < patch.point.size(); a++) {
-      vertex[s] = vertex[s] + patch.weight[a * n + s] * kinematics.points()[patch.point[a]].rest;
-    }
-    for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
-  }
-  walk = Walk(vertex, patch.cluster);
-  const auto from_nearest = [&vertex](const Vec3& p, size_t but) {
-    double nearest = mjMAXVAL;
-    for (size_t s = 0; s < vertex.size(); s++) {
-      if (s != but) nearest = std::min(nearest, Norm(vertex[s] - p));
-    }
-    return nearest;
-  };
+  const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
+  walk = Walk(own, contact.patches[number].cluster);
   const DistanceField& field = contact.field;
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;
     solid |= field.distance[i] < 0;
-    cover = std::max(cover, from_nearest(field.Place(static_cast<int>(i)), n));
+    const Vec3 place = field.Place(static_cast<int>(i));
+    double nearest = mjMAXVAL;
+    for (const Vec3& vertex : own) nearest = std::min(nearest, Norm(vertex - place));
+    cover = std::max(cover, nearest);
+  }
+  std::vector<double> nearest(own.size(), mjMAXVAL);
+  for (const Patch& patch : contact.patches) {
+    for (const Vec3& other : RestVertices(patch, kinematics)) {
+      for (size_t s = 0; s < own.size(); s++) {
+        if (const double far = Norm(own[s] - other); far > 0) nearest[s] = std::min(nearest[s], far);
+      }
+    }
   }
   spread = contact.radius;
-  for (size_t s = 0; s < n && n > 1; s++) spread = std::max(spread, from_nearest(vertex[s], s));
+  for (const double far : nearest) spread = std::max(spread, far < mjMAXVAL ? far : 0);
 }
 
 PatchPose PatchVolume::Pose(const DistanceField& field, const Vec3* positions) const {

@@ -91,7 +91,7 @@ struct PatchVolume {
   std::vector<int32_t> walk;     // the patch's vertices, cluster by cluster, each beside the one before
   bool solid = false;            // whether nodes of the field are inside
   // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and none of
-  // these from the nearest other one; that is the contact radius at least.
+  // these from the nearest other one of the body; that is the contact radius at least.
   double cover = 0, spread = 0;
 };
 

@@ -12,7 +12,7 @@ SoftContact::SoftContact(const mjModel* m, const ContactModel& model, const Kine
   for (size_t i = 0; i < model.patches.size(); i++) patch_of_[model.patches[i].geom] = static_cast<int>(i);
   state_ = std::make_unique<SurfaceState>(model, kinematics, pairs);
   if (!model.patches.empty()) meshes_ = FindCollisionMeshes(m);
-  if (model.has_volume) meetings_ = std::make_unique<Meetings>(m, model, meshes_, pairs, state_.get());
+  if (model.has_volume) meetings_ = std::make_unique<Meetings>(model, meshes_, pairs, m->ngeom - patches, state_.get());
 }
 
 }  // namespace mjframes
