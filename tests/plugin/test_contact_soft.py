@@ -291,3 +291,25 @@ def test_vertices_touch_a_soft_body_where_they_touch_a_rigid_one_of_its_shape() 
     assert len(touched[0]) > 3
     apart = np.abs(touched[0][:, None] - touched[1][None]).max(axis=2)
     assert apart.min(axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize("moves", ["soft0", "soft1"])
+def test_vertices_are_looked_for_again_where_one_of_the_two_has_moved(moves: str) -> None:
+    """One beam is bent step by step, the other stays: the contacts are always those that a new mjData finds."""
+    model, data = compiled(
+        WEIGHTLESS.format("pyramidal", "dense"),
+        (beam(), (0, 0, 0), (1, 0, 0, 0)),
+        (beam(), (0.02, 0.005, 0.036), (1, 0, 0, 0)),
+    )
+    place = model.jnt_qposadr[model.dof_jntid[dofs(model, soft(model, data, moves)).ravel()]]
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(5):
+        data.qpos[place] += 5e-4 * rng.normal(size=len(place))
+        fresh = mujoco.MjData(model)
+        fresh.qpos[:] = data.qpos
+        for one in (data, fresh):
+            mujoco.mj_fwdPosition(model, one)
+        found.append(np.array([[c.dist, *c.pos] for c in data.contact]))
+        np.testing.assert_array_equal(found[-1], [[c.dist, *c.pos] for c in fresh.contact])
+    assert all(len(contacts) > 0 for contacts in found)
