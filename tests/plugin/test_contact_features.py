@@ -121,8 +121,8 @@ def contacts_with(model: mujoco.MjModel, data: mujoco.MjData, geom: str) -> np.n
 
 def test_many_geoms_touch_as_each_of_them_does_alone() -> None:
     """More of them than a soft body keeps the features of."""
-    names = [f"box{i}" for i in range(24)]
-    places = [(0.03 + 0.028 * (i % 6), 0.03 + 0.045 * (i // 6), 0.051) for i in range(24)]
+    names = [f"box{i}" for i in range(72)]
+    places = [(0.02 + 0.02 * (i % 9), 0.02 + 0.022 * (i // 9), 0.051) for i in range(72)]
     boxes = [
         f'<geom name="{name}" type="box" size=".004 .004 .004" euler="45 35.26 {7 * i}" pos="{x} {y} {z}"/>'
         for i, (name, (x, y, z)) in enumerate(zip(names, places, strict=True))
@@ -135,7 +135,7 @@ def test_many_geoms_touch_as_each_of_them_does_alone() -> None:
         return model, data
 
     together = found(boxes)
-    for name, box in zip(names, boxes, strict=True):
+    for name, box in list(zip(names, boxes, strict=True))[::7]:
         alone = contacts_with(*found([box]), name)
         assert len(alone) > 0
         np.testing.assert_array_equal(contacts_with(*together, name), alone)
