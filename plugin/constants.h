@@ -97,7 +97,7 @@ inline constexpr size_t kKeptSoftNodes = 4096;
 // Where points of others are (meetings.h)
 inline constexpr int kKeptMeetings = 4;          // other bodies of which a patch keeps where its vertices are in them
 inline constexpr size_t kKeptFeatureGeoms = 64;  // rigid geoms of which a body keeps where their features are in it …
-inline constexpr size_t kKeptFeatures = 192;     // … and so many features of all, or those of the largest mesh
+inline constexpr size_t kKeptFeatures = 160;     // … and so many features of all, or those of the largest mesh
 inline constexpr double kSureStep = 2;           // [cubes] from one vertex to the next, off by a quarter at most
 // [cubes] from one point to the next: across a patch; from farther away a nearest vertex is the better guess.
 inline constexpr double kTrailStep = 20;
