@@ -16,7 +16,7 @@
 namespace mjframes {
 
 // How many numbers a row of n entries takes: eliminations write beyond its end.
-constexpr int PadToTile(int n) { return (n + kTile - 1 + kWideLanes - 1) / kWideLanes * kWideLanes; }
+constexpr int PadToTile(int n) { return PadToWide(n + kTile - 1); }
 
 // Eliminates a chain of `size`. U: its rows, `above` entries each before the chain's own; row: those above it. scaled:
 // memory (size × (above + size)). inverse becomes 1 / D of the chain.

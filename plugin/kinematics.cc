@@ -6,14 +6,6 @@
 namespace mjframes {
 namespace {
 
-Vec3 Position(const mjtNum* values) { return {values[0], values[1], values[2]}; }
-
-Mat3 Orientation(const mjtNum* values) {
-  Mat3 R;
-  std::copy(values, values + 9, R.begin());
-  return R;
-}
-
 // Whether the body lies square in its parent and has slide joints along x, y, z, and after them a ball or nothing.
 bool SlidesAlongAxes(const mjModel* m, int body) {
   const int joints = m->body_jntnum[body];
@@ -70,8 +62,8 @@ void Kinematics::FindPoints(const mjModel* m, int instance, Reader* reader) {
                          "its bodies do not match its control points: attach or copy the soft body as a whole")) {
         return;
       }
-      const Vec3 at = Position(local.data() + 3 * j);
-      points_[j] = {body, -1, branch[j], false, Dot(at, at) > 0, at, Position(rest.data() + 3 * j), mass[j], 0};
+      const Vec3 at = ToVec3(local.data() + 3 * j);
+      points_[j] = {body, -1, branch[j], false, Dot(at, at) > 0, at, ToVec3(rest.data() + 3 * j), mass[j], 0};
       total += mass[j];
     }
     if (!reader->Check(total > 0, "the masses of its control points have to be positive")) return;
@@ -239,25 +231,25 @@ bool Kinematics::Asleep(const mjModel* m, const mjData* d) const {
 
 Vec3 Kinematics::WorldPosition(const mjData* d, int j) const {
   const ControlPoint& point = points_[j];
-  const Vec3 origin = Position(d->xpos + 3 * point.body);
-  return point.offset ? origin + Mul(Orientation(d->xmat + 9 * point.body), point.local) : origin;
+  const Vec3 origin = ToVec3(d->xpos + 3 * point.body);
+  return point.offset ? origin + Mul(ToMat3(d->xmat + 9 * point.body), point.local) : origin;
 }
 
 Vec3 Kinematics::WorldVelocity(const mjModel* m, const mjData* d, int j) const {
   const ControlPoint& point = points_[j];
   mjtNum twist[6];
   mj_objectVelocity(m, d, mjOBJ_XBODY, point.body, twist, 0);
-  return Position(twist + 3) + Cross(Position(twist), WorldPosition(d, j) - Position(d->xpos + 3 * point.body));
+  return ToVec3(twist + 3) + Cross(ToVec3(twist), WorldPosition(d, j) - ToVec3(d->xpos + 3 * point.body));
 }
 
 Vec3 Kinematics::PositionToLocal(const mjData* d, const Vec3& position) const {
-  return ToLocal(d, position - Position(d->xpos + 3 * holder_));
+  return ToLocal(d, position - ToVec3(d->xpos + 3 * holder_));
 }
 
-Mat3 Kinematics::Axes(const mjData* d) const { return Orientation(d->xmat + 9 * holder_); }
+Mat3 Kinematics::Axes(const mjData* d) const { return ToMat3(d->xmat + 9 * holder_); }
 
 void Kinematics::Gather(const mjModel* m, const mjData* d) {
-  const Vec3 origin = Position(d->xpos + 3 * holder_);
+  const Vec3 origin = ToVec3(d->xpos + 3 * holder_);
   const Mat3 axes = Axes(d);
   for (size_t j = 0; j < points_.size(); j++) {
     const ControlPoint& point = points_[j];
@@ -268,7 +260,7 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
     } else {  // from the slides themselves: rounding of world coordinates would strain a stiff body at rest
       const Mover& mover = movers_[point.mover];
       const int q = m->jnt_qposadr[m->body_jntadr[mover.body]];
-      slide_[point.mover] = Position(d->qpos + q) - Position(m->qpos0 + q);
+      slide_[point.mover] = ToVec3(d->qpos + q) - ToVec3(m->qpos0 + q);
       if (mover.parent >= 0) slide_[point.mover] = slide_[point.mover] + slide_[mover.parent];
       x_[j] = point.rest + slide_[point.mover];
     }
@@ -292,11 +284,11 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
       for (int r = 0; r < 3; r++) motion[r] += d->qvel[mover.dof + r];
       continue;
     }
-    const Vec3 arm = centre - Position(d->subtree_com + 3 * m->body_rootid[mover.body]);
+    const Vec3 arm = centre - ToVec3(d->subtree_com + 3 * m->body_rootid[mover.body]);
     for (int a = 0; a < mover.dofs; a++) {
       const mjtNum* cdof = d->cdof + 6 * (mover.dof + a);  // rotation, then translation at the root's centre of mass
-      const Vec3 rotation = Position(cdof);
-      const Vec3 local[2] = {MulT(axes, Position(cdof + 3) + Cross(rotation, arm)), MulT(axes, rotation)};
+      const Vec3 rotation = ToVec3(cdof);
+      const Vec3 local[2] = {MulT(axes, ToVec3(cdof + 3) + Cross(rotation, arm)), MulT(axes, rotation)};
       double* twist = twist_.data() + 6 * (mover.twist + a);
       for (int r = 0; r < 6; r++) {
         twist[r] = local[r / 3][r % 3];
@@ -308,8 +300,8 @@ void Kinematics::Gather(const mjModel* m, const mjData* d) {
     v_[j] = {};
     if (points_[j].mover < 0) continue;
     const double* motion = motion_.data() + 6 * points_[j].mover;
-    v_[j] = Position(motion);
-    if (turning_) v_[j] = v_[j] + Cross(Position(motion + 3), lever_[j]);
+    v_[j] = ToVec3(motion);
+    if (turning_) v_[j] = v_[j] + Cross(ToVec3(motion + 3), lever_[j]);
   }
 }
 
@@ -330,9 +322,9 @@ const Vec3* Kinematics::BiasAccelerations(const mjModel* m, const mjData* d) {
       }
     }
     const mjtNum* V = d->cvel + 6 * body;
-    const Vec3 r = WorldPosition(d, static_cast<int>(j)) - Position(d->subtree_com + 3 * m->body_rootid[body]);
-    const Vec3 velocity = Position(V + 3) + Cross(Position(V), r);
-    bias_[j] = MulT(axes, Position(A + 3) + Cross(Position(A), r) + Cross(Position(V), velocity));
+    const Vec3 r = WorldPosition(d, static_cast<int>(j)) - ToVec3(d->subtree_com + 3 * m->body_rootid[body]);
+    const Vec3 velocity = ToVec3(V + 3) + Cross(ToVec3(V), r);
+    bias_[j] = MulT(axes, ToVec3(A + 3) + Cross(ToVec3(A), r) + Cross(ToVec3(V), velocity));
   }
   return bias_.data();
 }
@@ -391,7 +383,7 @@ void Kinematics::PointMoments(const double* omega, const Vec3& position, std::ve
 double Kinematics::RowEntry(const Moments& moments, const Vec3& direction, int n, int a) const {
   if (!turning_) return moments.weight * direction[a];
   const double* twist = twist_.data() + 6 * (movers_[n].twist + a);
-  return moments.weight * Dot(Position(twist), direction) + Dot(Position(twist + 3), Cross(moments.moment, direction));
+  return moments.weight * Dot(ToVec3(twist), direction) + Dot(ToVec3(twist + 3), Cross(moments.moment, direction));
 }
 
 int Kinematics::MoverOfDof(int dof) const {

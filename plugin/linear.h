@@ -42,6 +42,14 @@ inline Mat3 Mul(const Mat3& a, const Mat3& b) {
   return c;
 }
 
+// As MuJoCo keeps them.
+inline Vec3 ToVec3(const double* values) { return {values[0], values[1], values[2]}; }
+inline Mat3 ToMat3(const double* values) {
+  Mat3 a;
+  for (int i = 0; i < 9; i++) a[i] = values[i];
+  return a;
+}
+
 inline Mat3 Transpose(const Mat3& a) { return {a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]}; }
 
 // [v]×, so that [v]× a = v × a

@@ -108,8 +108,7 @@ MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, do
   if (features_version_ != state_->version()) features_.clear();
   features_version_ = state_->version();
   const GeomPlace place = PlaceOf(d, geom);
-  const mjtNum* half = m->geom_size + 3 * geom;
-  const Vec3 size = {half[0], half[1], half[2]};
+  const Vec3 size = ToVec3(m->geom_size + 3 * geom);
   const int type = m->geom_type[geom], data = m->geom_dataid[geom];
   const auto same = [&](const FeatureMeeting& kept) {
     return kept.geom == geom && kept.type == type && kept.data == data && kept.room == room && kept.height == height &&
@@ -138,14 +137,13 @@ void Meetings::SearchFeatures(const Features& features, const mjData* d, int geo
     posed_ = state_->version();
     for (int i = 0; i < static_cast<int>(contact_.patches.size()); i++) material_boxes_.Set(i, state_->Pose(i).box);
   }
-  const mjtNum* origin = d->geom_xpos + 3 * geom;
-  Mat3 axes;
-  std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
+  const Vec3 origin = ToVec3(d->geom_xpos + 3 * geom);
+  const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
   for (int c = 0; c < features.clusters.count; c++) {
     const FeatureCluster& cluster = features.clusters.cluster[c];
     Trail trail;
     for (size_t i = cluster.begin; i < cluster.end && sink->count < sink->most; i++) {
-      const Vec3 p = Vec3{origin[0], origin[1], origin[2]} + Mul(axes, features.points[i]);
+      const Vec3 p = origin + Mul(axes, features.points[i]);
       if (!material_boxes_.AnyWithin(p, room)) continue;
       Measure();
       trail.apart = 0;  // one deep inside may leave the lattice, too, and others are then not far
@@ -173,7 +171,9 @@ void Meetings::Seek(const MetPoint& sought, double height, Trail* trail, Sink* s
   }
   if (found == Result::kFound || found == Result::kAbove) {
     *trail = {true, at, p, trail->start, there, trail->apart};
-    if (found == Result::kFound) Meet({sought.number, sought.cluster, 0, p, at, 0, {}}, &cube, sink);
+    MetPoint met = sought;
+    met.xi = at;
+    if (found == Result::kFound) Meet(met, &cube, sink);
   }
   if (found == Result::kOutside && far > 0) {
     trail->start = p;

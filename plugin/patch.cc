@@ -168,6 +168,7 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
     for (const Vec3& vertex : own) nearest = std::min(nearest, Norm(vertex - place));
     cover = std::max(cover, nearest);
   }
+  if (solid) return;
   std::vector<double> nearest(own.size(), mjMAXVAL);
   for (const Patch& patch : contact.patches) {
     for (const Vec3& other : RestVertices(patch, kinematics)) {

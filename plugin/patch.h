@@ -90,8 +90,8 @@ struct PatchVolume {
   Vec3 half{};                   // largest |p̄ − p̄₀| along each axis [m]
   std::vector<int32_t> walk;     // the patch's vertices, cluster by cluster, each beside the one before
   bool solid = false;            // whether nodes of the field are inside
-  // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and none of
-  // these from the nearest other one of the body; that is the contact radius at least.
+  // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and if it
+  // is not solid, none of these from the nearest other one of the body; that is the contact radius at least.
   double cover = 0, spread = 0;
 };
 

@@ -34,10 +34,8 @@ double Evaluate(const mjtNum point[3], const mjData* d, int instance, mjtNum* gr
   const SoftContact& contact = GetSoftBody(d, field->instance)->contact();
   const int patch = contact.FindPatch(field->geom);
   if (patch < 0) return mjMAXVAL;
-  const mjtNum* origin = d->geom_xpos + 3 * field->geom;
-  Mat3 axes;
-  std::copy_n(d->geom_xmat + 9 * field->geom, 9, axes.begin());
-  const Vec3 p = Vec3{origin[0], origin[1], origin[2]} + Mul(axes, Vec3{point[0], point[1], point[2]});
+  const Mat3 axes = ToMat3(d->geom_xmat + 9 * field->geom);
+  const Vec3 p = ToVec3(d->geom_xpos + 3 * field->geom) + Mul(axes, ToVec3(point));
   Vec3 normal;
   const double distance = FieldDistance(contact, patch, d, p, &normal);
   if (gradient) {

@@ -38,6 +38,7 @@ template <typename V>
 inline constexpr int kWidth = sizeof(V) / sizeof(double);
 
 constexpr int PadToLanes(int n) { return (n + kLanes - 1) / kLanes * kLanes; }
+constexpr int PadToWide(int n) { return (n + kWideLanes - 1) / kWideLanes * kWideLanes; }
 
 template <typename V = Lanes>
 MJFRAMES_INLINE V Load(const double* p) {

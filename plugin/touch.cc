@@ -136,10 +136,8 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
 
 // Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
 int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
-  const mjtNum* origin = d->geom_xpos + 3 * geom;
-  Mat3 axes;
-  std::copy(d->geom_xmat + 9 * geom, d->geom_xmat + 9 * geom + 9, axes.begin());
-  Touch touch = {0, Support(m, geom, axes, {origin[0], origin[1], origin[2]}, soft), {}, -1, 0, 0, {}};
+  const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
+  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, {}};
   if (!soft.Distance(touch.position, true, &touch.xi, &touch.distance, &touch.normal)) return 0;
   if (!(touch.distance < margin) || !Settle(0, &touch)) return 0;
   *out = touch;

@@ -22,7 +22,8 @@ AlignedBox BoxAround(const double* vertices, int n);
 // Boxes, several of which are measured together.
 class Boxes {
  public:
-  explicit Boxes(size_t count) : count_(count), padded_(PadToWide(count)), bounds_(6 * padded_), square_(padded_) {}
+  explicit Boxes(size_t count)
+      : count_(count), padded_(PadToWide(static_cast<int>(count))), bounds_(6 * padded_), square_(padded_) {}
 
   void Set(size_t i, const AlignedBox& box) {
     for (int c = 0; c < 3; c++) {
@@ -41,8 +42,6 @@ class Boxes {
   }
 
  private:
-  static size_t PadToWide(size_t n) { return (n + kWideLanes - 1) / kWideLanes * kWideLanes; }
-
   size_t count_, padded_;
   std::vector<double> bounds_;  // least, then largest, of each component
   std::vector<double> square_;
