@@ -115,6 +115,8 @@ struct RegionBatch {
   int cells;                     // q, of the region with most; those that fill up have no volume
   std::vector<double> volume;    // of each cell                                              (q)
   std::vector<double> slope;     // E_q, by point: row 3r + a for F_ra                (q × m × 9 × 3)
+  // m, of the largest of each four lanes
+  int sizes[kWideLanes / kLanes] = {};
   double inverse_size[kWideLanes], enlargement[kWideLanes];
   double falls_back[kWideLanes];  // 1 for regions with a fallback, else 0
   Moduli moduli;                  // as built

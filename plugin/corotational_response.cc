@@ -38,6 +38,7 @@ struct Half {
   const RegionBatch& batch;
   const RegionBatch::Moduli& moduli;
   int first;
+  int size = batch.sizes[first / kLanes];  // m, of the largest in these lanes
 
   MJFRAMES_INLINE V Of(const double* array, size_t entry) const { return Load<V>(array + kWideLanes * entry + first); }
   MJFRAMES_INLINE void Put(const V& value, double* array, size_t entry) const {
@@ -51,7 +52,7 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
   const RegionBatch& batch = half.batch;
   double* z = scratch->z.data();
   V mean[3] = {}, F[9] = {};
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     const int32_t* point = batch.point.data() + kWideLanes * j + half.first;
     const V present = half.Of(batch.present.data(), j);
     for (int r = 0; r < 3; r++) {
@@ -66,7 +67,7 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
   MulT3(R, F, S);
   // centred: positions far from the origin would cost digits, translations carry no energy
   for (V& m : mean) m *= Load<V>(batch.inverse_size + half.first);
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     const V present = half.Of(batch.present.data(), j);
     V d[3];
     for (int r = 0; r < 3; r++) d[r] = present * (half.Of(z, 3 * j + r) - mean[r]);
@@ -90,7 +91,7 @@ MJFRAMES_INLINE V Trust(const Half<V>& half, const double* z, const V* S) {
   const RegionBatch& batch = half.batch;
   V least = Fill<V>(kAgreeing), of_frame[9] = {};
   Lower(S, Load<V>(batch.falls_back + half.first) > 0.0, &least);
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     for (int e = 0; e < 9; e++) of_frame[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.own.data(), 3 * j + e % 3);
     const auto ends = half.Of(batch.ends.data(), j) > 0.0;
     if (!Any<V>(ends)) continue;
@@ -106,7 +107,7 @@ MJFRAMES_INLINE void FallBack(const Half<V>& half, const V& theta, BatchScratch*
   const RegionBatch& batch = half.batch;
   double* z = scratch->z.data();
   V F[9] = {};  // seen from R, as z is
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     for (int c = 0; c < 3; c++) {
       const V g =
           theta * half.Of(batch.gradient.data(), 3 * j + c) + (1.0 - theta) * half.Of(batch.fallback.data(), 3 * j + c);
@@ -125,7 +126,7 @@ MJFRAMES_INLINE void FallBack(const Half<V>& half, const V& theta, BatchScratch*
     S[e] = changes ? stretch[e] : S[e];
     turn[e] = changes ? turn[e] : Fill<V>(kIdentity[e]);
   }
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V at[3];
     for (int r = 0; r < 3; r++) at[r] = half.Of(z, 3 * j + r);
     for (int r = 0; r < 3; r++) half.Put(turn[r] * at[0] + turn[3 + r] * at[1] + turn[6 + r] * at[2], z, 3 * j + r);
@@ -154,13 +155,13 @@ MJFRAMES_INLINE void AddShapeGradient(const Half<V>& half, const V& lambda, Batc
   const RegionBatch& batch = half.batch;
   const double* z = scratch->z.data();
   V count = {}, mean[3] = {}, moment[9] = {}, N[9];
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     const V shows = half.Of(batch.shows.data(), j);
     count += shows;
     for (int r = 0; r < 3; r++) mean[r] += shows * half.Of(z, 3 * j + r);
   }
   for (V& m : mean) m /= count;
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     const V shows = half.Of(batch.shows.data(), j);
     V d[3];
     for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
@@ -169,7 +170,7 @@ MJFRAMES_INLINE void AddShapeGradient(const Half<V>& half, const V& lambda, Batc
   const V floor = kFlatShape * (moment[0] + moment[4] + moment[8]) + kTinyShape;
   for (int e = 0; e < 9; e += 4) moment[e] += floor;
   const V determinant = Adjugate(moment, N);
-  for (int j = 0; j < batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     const V weight = half.Of(batch.shows.data(), j) * lambda / determinant;
     V d[3];
     for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
@@ -185,11 +186,11 @@ template <typename V>
 MJFRAMES_INLINE void Constrain(const Half<V>& half, const double* g, const V& theta, const V* S, BatchScratch* scratch,
                                V* inverse) {
   const double* z = scratch->z.data();
-  for (int e = 0; e < 3 * half.batch.size; e++) half.Put(half.Of(g, e), scratch->h.data(), e);
+  for (int e = 0; e < 3 * half.size; e++) half.Put(half.Of(g, e), scratch->h.data(), e);
   const V lambda = SoftTwist(S, theta);
   if (Any<V>(lambda > 0.0)) AddShapeGradient(half, lambda, scratch);
   V AZ[9] = {};
-  for (int j = 0; j < half.batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V zj[3], h[3];
     for (int r = 0; r < 3; r++) {
       zj[r] = half.Of(z, 3 * j + r);
@@ -225,15 +226,15 @@ struct Columns {
   }
 };
 
-// sum[3 c + r] += Σ_s K_rs [y | Z]_sc; row, column: strides of r and s in K.
-template <int kRow, int kColumn, typename V>
-MJFRAMES_INLINE void AddProduct(const V* K, const Columns<V>& of, V* sum) {
+// add(3 c + r, Σ_s K_rs [y | Z]_sc); row, column: strides of r and s in K.
+template <int kRow, int kColumn, typename V, typename Add>
+MJFRAMES_INLINE void AddProduct(const V* K, const Columns<V>& of, const Add& add) {
   for (int r = 0; r < 3; r++) {
     const V k0 = K[kRow * r], k1 = K[kRow * r + kColumn], k2 = K[kRow * r + 2 * kColumn];
-    sum[r] += k0 * of.y[0] + k1 * of.y[1] + k2 * of.y[2];
-    sum[3 + r] += k2 * of.z[1] - k1 * of.z[2];
-    sum[6 + r] += k0 * of.z[2] - k2 * of.z[0];
-    sum[9 + r] += k1 * of.z[0] - k0 * of.z[1];
+    add(r, k0 * of.y[0] + k1 * of.y[1] + k2 * of.y[2]);
+    add(3 + r, k2 * of.z[1] - k1 * of.z[2]);
+    add(6 + r, k0 * of.z[2] - k2 * of.z[0]);
+    add(9 + r, k1 * of.z[0] - k0 * of.z[1]);
   }
 }
 
@@ -242,20 +243,20 @@ template <typename V>
 MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
   const double* stiffness = half.moduli.stiffness.data();
   double* product = scratch->product.data();
-  for (int j = 0, block = 0; j < half.batch.size; j++) {
+  for (int j = 0, block = 0; j < half.size; j++, block++) {
     const Columns<V> of_j(half, scratch->z.data(), j);
     V sum[12] = {}, K[9];
+    const auto add = [&](int c, const V& value) MJFRAMES_KERNEL { sum[c] += value; };
     for (int k = 0; k < j; k++, block++) {
       for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * static_cast<size_t>(block) + e);
-      AddProduct<3, 1>(K, Columns<V>(half, scratch->z.data(), k), sum);
-      V below[12];
-      for (int c = 0; c < 12; c++) below[c] = half.Of(product, 12 * k + c);
-      AddProduct<1, 3>(K, of_j, below);
-      for (int c = 0; c < 12; c++) half.Put(below[c], product, 12 * k + c);
+      AddProduct<3, 1>(K, Columns<V>(half, scratch->z.data(), k), add);
+      AddProduct<1, 3>(K, of_j, [&](int c, const V& value) MJFRAMES_KERNEL {
+        half.Put(half.Of(product, 12 * k + c) + value, product, 12 * k + c);
+      });
     }
     for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * static_cast<size_t>(block) + e);
-    AddProduct<3, 1>(K, of_j, sum);
-    block++;
+    AddProduct<3, 1>(K, of_j, add);
+    MJFRAMES_UNROLL
     for (int c = 0; c < 12; c++) half.Put(sum[c], product, 12 * j + c);
   }
 }
@@ -270,7 +271,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
     const double* slope = batch.slope.data() + kWideLanes * first;
     V F[9], turned[27] = {}, load[36];  // E Z, and P and H E Z side by side
     for (int e = 0; e < 9; e++) F[e] = Fill<V>(kIdentity[e]);
-    for (int j = 0; j < batch.size; j++) {
+    for (int j = 0; j < half.size; j++) {
       const Columns<V> of(half, scratch->z.data(), j);
       for (int e = 0; e < 9; e++) {
         V E[3], cross[3];
@@ -297,7 +298,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
           load[4 * e + 1 + c] = sum;
         }
       }
-      for (int j = 0; j < batch.size; j++) {
+      for (int j = 0; j < half.size; j++) {
         V E[27];
         for (int e = 0; e < 27; e++) E[e] = half.Of(slope, 27 * static_cast<size_t>(j) + e);
         for (int n = 0; n < 9; n++) {
@@ -309,7 +310,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
         }
       }
     }
-    for (int j = 0; j < batch.size; j++) {
+    for (int j = 0; j < half.size; j++) {
       for (int c = 0; c < (curved ? 4 : 1); c++) {
         for (int s = 0; s < 3; s++) {
           V sum = half.Of(product, 12 * j + 3 * c + s);
@@ -326,7 +327,7 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
                               Vec3* force) {
   const double* product = scratch.product.data();
   V torque[3] = {}, s[3];
-  for (int j = 0; j < half.batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V z[3], w[3], moment[3];
     for (int r = 0; r < 3; r++) {
       z[r] = half.Of(scratch.z.data(), 3 * j + r);
@@ -336,7 +337,7 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
     for (int r = 0; r < 3; r++) torque[r] += moment[r];
   }
   for (int r = 0; r < 3; r++) s[r] = inverse[r] * torque[0] + inverse[3 + r] * torque[1] + inverse[6 + r] * torque[2];
-  for (int j = 0; j < half.batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V h[3], w[3];
     for (int r = 0; r < 3; r++) h[r] = half.Of(scratch.h.data(), 3 * j + r);
     Cross3(h, s, w);
@@ -354,7 +355,7 @@ template <typename V>
 MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
   const double* product = scratch->product.data();
   V ZU[9] = {};  // Zᵀ U
-  for (int j = 0; j < half.batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V z[3], u[3], moment[3];
     for (int r = 0; r < 3; r++) z[r] = half.Of(scratch->z.data(), 3 * j + r);
     for (int c = 0; c < 3; c++) {
@@ -363,7 +364,7 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
       for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
     }
   }
-  for (int j = 0; j < half.batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V h[3], N[9], correction[9], left[9], G[9];
     for (int r = 0; r < 3; r++) h[r] = half.Of(scratch->h.data(), 3 * j + r);
     for (int r = 0; r < 9; r += 3) Cross3(inverse + r, h, N + r);  // a row times [h]×
@@ -397,7 +398,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& thet
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
-  for (int j = 0; j < half.batch.size; j++) {
+  for (int j = 0; j < half.size; j++) {
     V Gj[9], hj[3];
     for (int e = 0; e < 9; e++) Gj[e] = half.Of(scratch.g.data(), 9 * j + e);
     for (int r = 0; r < 3; r++) hj[r] = half.Of(scratch.h.data(), 3 * j + r);
@@ -433,7 +434,7 @@ template <typename V>
 MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Moduli& moduli, const Vec3* x,
                                 BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged) {
   for (int first = 0; first < kWideLanes; first += kWidth<V>) {
-    const Half<V> half{batch, moduli, first};
+    const Half<V> half = {batch, moduli, first};
     if (batch.pair[first] < 0) break;  // the last regions do not fill all lanes
     V R[9], S[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);

@@ -11,20 +11,20 @@ namespace {
 template <int kRows, int kColumns, typename V>
 MJFRAMES_INLINE void UpdateTile(double* const* row, const double* scaled, int stride, double* const* U, int size,
                                 int c) {
-  V sum[kRows][kColumns];
-  for (int r = 0; r < kRows; r++) {
-    for (int n = 0; n < kColumns; n++) sum[r][n] = Load<V>(row[r] + c + n * kWidth<V>);
-  }
+  constexpr int kTiles = kRows * kColumns;
+  const auto place = [&](int n) { return row[n / kColumns] + c + n % kColumns * kWidth<V>; };
+  V sum[kTiles];
+  MJFRAMES_UNROLL
+  for (int n = 0; n < kTiles; n++) sum[n] = Load<V>(place(n));
   for (int k = 0; k < size; k++) {
     V u[kColumns];
+    MJFRAMES_UNROLL
     for (int n = 0; n < kColumns; n++) u[n] = Load<V>(U[k] + c + n * kWidth<V>);
-    for (int r = 0; r < kRows; r++) {
-      for (int n = 0; n < kColumns; n++) sum[r][n] -= scaled[k * stride + r] * u[n];
-    }
+    MJFRAMES_UNROLL
+    for (int n = 0; n < kTiles; n++) sum[n] -= scaled[k * stride + n / kColumns] * u[n % kColumns];
   }
-  for (int r = 0; r < kRows; r++) {
-    for (int n = 0; n < kColumns; n++) Store(sum[r][n], row[r] + c + n * kWidth<V>);
-  }
+  MJFRAMES_UNROLL
+  for (int n = 0; n < kTiles; n++) Store(sum[n], place(n));
 }
 
 // The same for all columns of rows that are as long as the last one, which is the longest.
@@ -32,8 +32,12 @@ template <int kRows, typename V>
 MJFRAMES_INLINE void UpdateRows(double* const* row, const double* scaled, int stride, double* const* U, int size,
                                 int length) {
   int c = 0;
-  for (; c + kWidth<V> < length; c += 2 * kWidth<V>) UpdateTile<kRows, 2, V>(row, scaled, stride, U, size, c);
-  if (c < length) UpdateTile<kRows, 1, V>(row, scaled, stride, U, size, c);
+  for (; c + 2 * kWidth<V> < length; c += 3 * kWidth<V>) UpdateTile<kRows, 3, V>(row, scaled, stride, U, size, c);
+  if (c + kWidth<V> < length) {
+    UpdateTile<kRows, 2, V>(row, scaled, stride, U, size, c);
+  } else if (c < length) {
+    UpdateTile<kRows, 1, V>(row, scaled, stride, U, size, c);
+  }
 }
 
 // row[r] −= Σ_k scaled[k][r] U_k of `count` rows in a row, the first of which has `length` entries.

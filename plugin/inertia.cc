@@ -50,8 +50,9 @@ void StripTranslation(const Moments& load, bool rows, double* total) {
 }
 
 // Σ B of the mover pairs that slide, 9 a pair, and the mass at each mover into `weight`.
-void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoint>& points, const double* stiffness,
-              double scale, const double* mass, double* __restrict sums, double* __restrict weight) {
+MJFRAMES_INLINE void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoint>& points,
+                              const double* stiffness, double scale, const double* mass, double* __restrict sums,
+                              double* __restrict weight) {
   for (size_t i = 0; i < pairs.size(); i++) {
     const PointPair& pair = pairs[i];
     const int nj = points[pair.j].mover, nk = points[pair.k].mover;
@@ -72,7 +73,7 @@ void SumPairs(const std::vector<PointPair>& pairs, const std::vector<ControlPoin
 }
 
 // By rows: a mover's own pair becomes the sum over its subtree's square.
-void SumSubtrees(const std::vector<Mover>& movers, double* sums, double* weight) {
+MJFRAMES_INLINE void SumSubtrees(const std::vector<Mover>& movers, double* sums, double* weight) {
   for (size_t n = movers.size(); n-- > 1;) {
     const Mover& mover = movers[n];
     if (mover.parent < 0) continue;
@@ -98,7 +99,7 @@ void StoreRow(const double* block, int depth, int a, double rigid, double* M) {
 }
 
 // By columns: row[depth] becomes the sum from there on.
-void SumPath(double* row, int depth) {
+MJFRAMES_INLINE void SumPath(double* row, int depth) {
   Lanes front = Load(row + 9 * depth), back = Load(row + 9 * depth + 4);
   double last = row[9 * depth + 8];
   for (int upper = depth - 1; upper >= 0; upper--) {
@@ -158,12 +159,14 @@ void Kinematics::StoreSlideInertia(const double* stiffness, double stiffness_sca
                                    const mjModel* m, mjData* d) {
   std::fill(sum_.begin(), sum_.end(), 0.0);
   std::fill(weight_.begin(), weight_.end(), 0.0);
-  SumPairs(pairs_, points_, stiffness, stiffness_scale, mass, sum_.data(), weight_.data());
-  SumSubtrees(movers_, sum_.data(), weight_.data());
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    SumPairs(pairs_, points_, stiffness, stiffness_scale, mass, sum_.data(), weight_.data());
+    SumSubtrees(movers_, sum_.data(), weight_.data());
+    for (const Mover& mover : movers_) SumPath(sum_.data() + 9 * static_cast<size_t>(mover.pair), mover.depth);
+  });
   for (size_t n = 0; n < movers_.size(); n++) {
     const Mover& mover = movers_[n];
     double* row = sum_.data() + 9 * static_cast<size_t>(mover.pair);
-    SumPath(row, mover.depth);
     if (free_) {  // see StripTranslation
       for (int e = 0; e < 9; e++) row[e] = e % 4 == 0 ? weight_[n] : 0;
     }

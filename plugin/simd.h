@@ -23,6 +23,9 @@
 #define MJFRAMES_INLINE inline __attribute__((always_inline))
 #define MJFRAMES_KERNEL __attribute__((always_inline))  // of a lambda, after its parameters
 
+// Before a loop over an array of Lanes, which are in registers only where the loop is unrolled.
+#define MJFRAMES_UNROLL _Pragma("GCC unroll 16")
+
 // Without AVX, GCC warns that functions would return Lanes in another way than with it; those that do are all inlined.
 #pragma GCC diagnostic ignored "-Wpsabi"
 

@@ -9,6 +9,7 @@
 #include "elimination.h"
 #include "impedance.h"
 #include "patch_field.h"
+#include "simd.h"
 
 #ifdef ADDRESS_SANITIZER
 // MuJoCo's headers then replace both by functions that its own library, built without the sanitizer, does not have.
@@ -162,19 +163,35 @@ Island IslandOf(const mjModel* m, const mjData* d, int number) {
   return island;
 }
 
+// Σ_e L_e x_e over what is above a degree of freedom.
+MJFRAMES_INLINE double SumAbove(const mjModel* m, const mjData* d, int dof, const double* x) {
+  const int first = m->M_rowadr[dof], count = m->M_rownnz[dof] - 1;
+  const double* L = d->qLD + first;
+  const int* column = m->M_colind + first;
+  Lanes sums = {};
+  int e = 0;
+  for (; e + kLanes <= count; e += kLanes) {
+    sums += Load(L + e) * Lanes{x[column[e]], x[column[e + 1]], x[column[e + 2]], x[column[e + 3]]};
+  }
+  double sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+  for (; e < count; e++) sum += L[e] * x[column[e]];
+  return sum;
+}
+
 // Whether an island's accelerations in d->qacc_warmstart are a solution still, by the criteria of MuJoCo's solver.
 // half: D^(−½) L^(−ᵀ) of the smooth forces; left, work: memory (nv).
 bool IsSolved(const mjModel* m, const mjData* d, const Island& island, const RowGroup* groups, const int* members,
               int count, const double* half, const double* sqrt_inverse, double* left, double* work) {
   // D^½ L a, less the forces
   double gap = 0, gradient = 0;
-  for (int k = 0; k < island.dofs; k++) {
-    const int dof = island.Dof(k), first = m->M_rowadr[dof];
-    double sum = d->qacc_warmstart[dof];
-    for (int e = first; e < first + m->M_rownnz[dof] - 1; e++) sum += d->qLD[e] * d->qacc_warmstart[m->M_colind[e]];
-    left[dof] = sum / sqrt_inverse[dof] - half[dof];
-    work[dof] = 0;
-  }
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    for (int k = 0; k < island.dofs; k++) {
+      const int dof = island.Dof(k);
+      const double sum = d->qacc_warmstart[dof] + SumAbove(m, d, dof, d->qacc_warmstart);
+      left[dof] = sum / sqrt_inverse[dof] - half[dof];
+      work[dof] = 0;
+    }
+  });
   for (int i = 0; i < count; i++) {
     const RowGroup& group = groups[members[i]];
     Lanes force = {};
@@ -353,12 +370,12 @@ void WriteStart(const mjModel* m, mjData* d, const Island& island, const double*
   for (int k = 0; k < island.dofs; k++) {
     if (!std::isfinite(half[island.Dof(k)])) return;
   }
-  for (int k = 0; k < island.dofs; k++) {
-    const int dof = island.Dof(k), first = m->M_rowadr[dof];
-    double sum = sqrt_inverse[dof] * half[dof];
-    for (int e = first; e < first + m->M_rownnz[dof] - 1; e++) sum -= d->qLD[e] * d->qacc_warmstart[m->M_colind[e]];
-    d->qacc_warmstart[dof] = sum;
-  }
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    for (int k = 0; k < island.dofs; k++) {
+      const int dof = island.Dof(k);
+      d->qacc_warmstart[dof] = sqrt_inverse[dof] * half[dof] - SumAbove(m, d, dof, d->qacc_warmstart);
+    }
+  });
 }
 
 // From the groups of all rows of the islands that are taken.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,8 @@ from mjframes.benchmarks.step_scenes import Run
 from mjframes.scene import plugin
 
 EVENT = "instructions:u"
+# Valgrind takes what moves a string, one instruction of the processor, for one a byte; the C library then uses others.
+NO_STRINGS = "glibc.cpu.x86_rep_stosb_threshold=1000000000:glibc.cpu.x86_rep_movsb_threshold=1000000000"
 SIMULATED = 2000  # [degrees of freedom × steps] that valgrind, fifty times slower than the processor, is given
 STEPPING = """
 import sys
@@ -55,7 +58,8 @@ def simulated_instructions(run: Run) -> float | None:
         _save(run, folder)
         counted = Path(folder) / "counted.out"
         only = ["--collect-atstart=no", "--toggle-collect=mj_step", f"--callgrind-out-file={counted}"]
-        done = subprocess.run(["valgrind", "--tool=callgrind", *only, *_stepping(folder, steps)], capture_output=True)
+        valgrind = ["valgrind", "--tool=callgrind", *only, *_stepping(folder, steps)]
+        done = subprocess.run(valgrind, capture_output=True, env=os.environ | {"GLIBC_TUNABLES": NO_STRINGS})
         lines = counted.read_text().splitlines() if counted.is_file() else []
     total = next((line.split()[1] for line in lines if line.startswith("totals:")), "")
     return int(total) / steps if done.returncode == 0 and total.isdigit() else None
