@@ -5,6 +5,7 @@
 
 #include "constants.h"
 #include "height_field.h"
+#include "simd.h"
 
 namespace mjframes {
 namespace {
@@ -82,8 +83,8 @@ double Ellipsoid(const Vec3& p, const Vec3& radius, Vec3* normal) {
   return (level < 0 ? -1 : 1) * Norm(p - closest);
 }
 
-void PlaneDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes, int begin, int end,
-                    double* __restrict out) {
+MJFRAMES_INLINE void PlaneDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes,
+                                    int begin, int end, double* __restrict out) {
   for (int s = begin; s < end; s++) {
     out[s] =
         axes[2] * (p[s] - position[0]) + axes[5] * (p[n + s] - position[1]) + axes[8] * (p[2 * n + s] - position[2]);
@@ -91,8 +92,8 @@ void PlaneDistances(const double* __restrict p, int n, const Vec3& position, con
 }
 
 // As Box, without normals.
-void BoxDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes, const Vec3& half,
-                  int begin, int end, double* __restrict out) {
+MJFRAMES_INLINE void BoxDistances(const double* __restrict p, int n, const Vec3& position, const Mat3& axes,
+                                  const Vec3& half, int begin, int end, double* __restrict out) {
   for (int s = begin; s < end; s++) {
     const double x = p[s] - position[0], y = p[n + s] - position[1], z = p[2 * n + s] - position[2];
     const double a = std::abs(axes[0] * x + axes[3] * y + axes[6] * z) - half[0];
@@ -165,9 +166,10 @@ void GeomQuery::SetExtent() {
 
 void GeomQuery::Distances(const double* points, int n, int begin, int end, double* out) const {
   if (type == mjGEOM_PLANE) {
-    PlaneDistances(points, n, position, orientation, begin, end, out);
+    Dispatch([&]<typename V>() MJFRAMES_KERNEL { PlaneDistances(points, n, position, orientation, begin, end, out); });
   } else if (type == mjGEOM_BOX) {
-    BoxDistances(points, n, position, orientation, size, begin, end, out);
+    Dispatch([&]<typename V>()
+                 MJFRAMES_KERNEL { BoxDistances(points, n, position, orientation, size, begin, end, out); });
   } else {
     for (int s = begin; s < end; s++) out[s] = Evaluate({points[s], points[n + s], points[2 * n + s]}, nullptr);
   }

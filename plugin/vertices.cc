@@ -9,19 +9,20 @@ namespace {
 template <typename V, int Blocks>
 MJFRAMES_INLINE void BlendSome(const double* weight, const int32_t* point, size_t points, const Vec3* x, int n, int s,
                                bool adds, double* out) {
-  V sum[3][Blocks];
-  for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) sum[c][b] = adds ? Load<V>(out + c * n + s + kWidth<V> * b) : V{};
-  }
+  constexpr int kSums = 3 * Blocks;
+  V sum[kSums];
+  const auto place = [=](int i) { return out + i / Blocks * n + s + kWidth<V> * (i % Blocks); };
+  MJFRAMES_UNROLL
+  for (int i = 0; i < kSums; i++) sum[i] = adds ? Load<V>(place(i)) : V{};
   for (size_t a = 0; a < points; a++) {
     const Vec3& position = x[point[a]];
-    for (int c = 0; c < 3; c++) {
-      for (int b = 0; b < Blocks; b++) sum[c][b] += Load<V>(weight + a * n + s + kWidth<V> * b) * position[c];
+    MJFRAMES_UNROLL
+    for (int i = 0; i < kSums; i++) {
+      sum[i] += Load<V>(weight + a * n + s + kWidth<V> * (i % Blocks)) * position[i / Blocks];
     }
   }
-  for (int c = 0; c < 3; c++) {
-    for (int b = 0; b < Blocks; b++) Store(sum[c][b], out + c * n + s + kWidth<V> * b);
-  }
+  MJFRAMES_UNROLL
+  for (int i = 0; i < kSums; i++) Store(sum[i], place(i));
 }
 
 // out[c n + s] = Σ_a weight[a n + s] x[point[a]][c], or `adds` that to it
