@@ -313,3 +313,17 @@ def test_vertices_are_looked_for_again_where_one_of_the_two_has_moved(moves: str
         found.append(np.array([[c.dist, *c.pos] for c in data.contact]))
         np.testing.assert_array_equal(found[-1], [[c.dist, *c.pos] for c in fresh.contact])
     assert all(len(contacts) > 0 for contacts in found)
+
+
+@pytest.mark.parametrize("gap", [0.006, 0.012, 0.02])
+def test_distances_are_found_beyond_what_touches(gap: float) -> None:
+    """A sensor of distance may ask for more than collides: as far as the lattice goes, here two centimetres."""
+    cube = build(Volume.from_labels(np.ones((10, 10, 6)), 0.01, {1: Material(2e4, 0.3, 1000)}), 2)
+    model, data = compiled(
+        "<mujoco/>", (cube, (0, 0, 0), (1, 0, 0, 0)), (cube, (0.003, 0.002, 0.06 + gap), (1, 0, 0, 0))
+    )
+    mujoco.mj_forward(model, data)
+    geoms = [soft(model, data, name).patches for name in soft_names(model)]
+    found = [mujoco.mj_geomDistance(model, data, i, j, 0.05, None) for i in geoms[0] for j in geoms[1]]
+    assert data.ncon == 0
+    assert min(found) == pytest.approx(gap - cube.contact.radius, abs=2e-4)  # vertices are balls
