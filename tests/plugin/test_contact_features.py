@@ -5,10 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 from builders.scenes import beam, compiled
 from builders.slabs import slab
 
 from mjframes.body.build import build
+from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
 from mjframes.scene.view import soft
 from mjframes.surface.distance_field import signed_distance
@@ -28,6 +30,8 @@ SHARP = {
 THORN = (
     '<asset><mesh name="thorn" vertex="0 0 -.01 .003 0 .01 -.002 .003 .01 -.002 -.003 .01" inertia="convex"/></asset>'
 )
+
+MESHES = (("coarse", 0), ("fine", 3))  # subdivisions of a sphere
 
 
 def lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -141,6 +145,27 @@ def test_many_geoms_touch_as_each_of_them_does_alone() -> None:
         np.testing.assert_array_equal(contacts_with(*together, name), alone)
 
 
+def test_a_mesh_of_many_vertices_touches_all_around() -> None:
+    """Of more than are kept of other geoms, in each octant; all are in the body, its vertices far away."""
+    ball = trimesh.creation.icosphere(3, 0.01)
+    block = build(Volume.from_labels(np.ones((14, 14, 14)), 0.01, {1: Material(2e4, 0.3, 1000)}), 1)
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="ball", uservert=ball.vertices.ravel(), userface=ball.faces.ravel())
+    middle = np.array([0.07, 0.07, 0.11])
+    spec.worldbody.add_geom(name="ball", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="ball", pos=middle)
+    attach(spec, block, "block")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    contacts = contacts_with(model, data, "ball")
+    assert len(ball.vertices) > 600
+    assert len(contacts) == 8
+    quadrants, counts = np.unique(np.sign(contacts[:, 1:3] - middle[:2]), axis=0, return_counts=True)
+    assert len(quadrants) == 4
+    assert counts.tolist() == [2, 2, 2, 2]  # the lower one is deeper
+    assert np.sort(contacts[:, 0])[4] - np.sort(contacts[:, 0])[3] > 0.005
+
+
 def test_features_are_looked_for_again_where_the_soft_body_has_moved() -> None:
     """A beam falls on an edge that stays where it is: its contacts are always those that a new mjData finds."""
     edge = '<geom name="edge" type="box" size=".004 .05 .004" euler="0 45 0" pos=".1 .02 0"/>'
@@ -155,3 +180,29 @@ def test_features_are_looked_for_again_where_the_soft_body_has_moved() -> None:
         touching += data.ncon > 0
         np.testing.assert_array_equal(contacts_with(model, data, "edge"), contacts_with(model, fresh, "edge"))
     assert touching > 20
+
+
+@pytest.mark.parametrize("edit", ["size", "type", "mesh"])
+def test_features_are_looked_for_again_where_the_geom_is_another(edit: str) -> None:
+    """Nothing moves, but the model is edited: contacts are those that a new mjData finds."""
+    meshes = "".join(f'<mesh name="{name}" builtin="sphere" params="{n}" scale=".01 .01 .01"/>' for name, n in MESHES)
+    first = 'type="mesh" mesh="coarse"' if edit == "mesh" else 'type="box" size=".006 .006 .006"'
+    geom = f'<geom name="thing" {first} pos=".07 .07 .1"/><geom type="mesh" mesh="fine" pos="0 0 9"/>'
+    block = build(Volume.from_labels(np.ones((14, 14, 14)), 0.01, {1: Material(2e4, 0.3, 1000)}), 1)
+    scene = f"<mujoco><asset>{meshes}</asset><worldbody>{geom}</worldbody></mujoco>"
+    model, data = compiled(scene, (block, (0, 0, 0), (1, 0, 0, 0)))
+    mujoco.mj_forward(model, data)
+    before = contacts_with(model, data, "thing")
+    if edit == "size":
+        model.geom("thing").size = [0.004, 0.004, 0.004]
+    elif edit == "type":
+        model.geom("thing").type = mujoco.mjtGeom.mjGEOM_CYLINDER
+    else:
+        model.geom("thing").dataid = model.mesh("fine").id
+    mujoco.mj_forward(model, data)
+    fresh = mujoco.MjData(model)
+    mujoco.mj_forward(model, fresh)
+    after = contacts_with(model, fresh, "thing")
+    assert len(after) > 0
+    assert before.shape != after.shape or np.abs(before - after).max() > 1e-4
+    np.testing.assert_array_equal(contacts_with(model, data, "thing"), after)
