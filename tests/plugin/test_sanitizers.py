@@ -137,24 +137,29 @@ def crowded(path: Path) -> Path:
     return path
 
 
-def test_a_steak_among_things_leaves_the_sanitizers_silent(tmp_path: Path) -> None:
+def checked() -> tuple[Path, dict[str, str]]:
+    """The plugin with the address sanitizer, and what a process needs around it; skips the test where there is none."""
     preloaded = [runtime(plugin.find_compiler(), name) for name in ("libasan.so", "libstdc++.so")]
     if None in preloaded:
         pytest.skip("the compiler has no libasan.so; it comes with g++")
-    library, scene = sanitized("address,undefined"), crowded(tmp_path / "scene.xml")
+    library = sanitized("address,undefined")
+    return library, os.environ | {
+        plugin.LIBRARY_VARIABLE: str(library),
+        "LD_PRELOAD": " ".join(map(str, preloaded)),
+        "ASAN_OPTIONS": "detect_leaks=0:detect_stack_use_after_return=1",
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+    }
+
+
+def test_a_steak_among_things_leaves_the_sanitizers_silent(tmp_path: Path) -> None:
+    library, environment = checked()
+    scene = crowded(tmp_path / "scene.xml")
 
     damaged = []
     for number, damage in enumerate(DAMAGES):
         damaged.append(str(tmp_path / f"{number}.xml"))
         Path(damaged[-1]).write_text(edited(*DAMAGED[damage][:3]))
 
-    environment = {
-        **os.environ,
-        plugin.LIBRARY_VARIABLE: str(library),
-        "LD_PRELOAD": " ".join(map(str, preloaded)),
-        "ASAN_OPTIONS": "detect_leaks=0:detect_stack_use_after_return=1",
-        "UBSAN_OPTIONS": "print_stacktrace=1",
-    }
     code = SIMULATION.format(scene=str(scene), library=str(library), damaged=damaged)
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
@@ -169,9 +174,7 @@ def test_a_steak_among_things_leaves_the_sanitizers_silent(tmp_path: Path) -> No
 
 def test_four_lanes_give_what_eight_give(tmp_path: Path) -> None:
     """The sanitized library has the code for any processor: regions four at a time, each four as large as they are."""
-    preloaded = [runtime(plugin.find_compiler(), name) for name in ("libasan.so", "libstdc++.so")]
-    if None in preloaded:
-        pytest.skip("the compiler has no libasan.so; it comes with g++")
+    library, environment = checked()
     spec = mujoco.MjSpec()
     steak = build(Volume.load(Path(__file__).parents[2] / "models" / "steak.npz"), 12)
     sizes = np.sort([len(points) for points in steak.stiffness.points])[::-1]
@@ -183,9 +186,8 @@ def test_four_lanes_give_what_eight_give(tmp_path: Path) -> None:
     mujoco.mj_forward(model, data)
     mujoco.mj_saveModel(model, str(tmp_path / "model.mjb"))
     np.save(tmp_path / "qpos.npy", data.qpos)
-    code = FORCES.format(library=str(sanitized("address,undefined")), folder=str(tmp_path))
-    environment = os.environ | {"LD_PRELOAD": " ".join(map(str, preloaded)), "ASAN_OPTIONS": "detect_leaks=0"}
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True)
+    code = FORCES.format(library=str(library), folder=str(tmp_path))
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
     force, acceleration = np.load(tmp_path / "found.npy")
     assert np.abs(data.qfrc_passive).max() > 1
     assert np.abs(force - data.qfrc_passive).max() < 1e-10 * np.abs(data.qfrc_passive).max()
