@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "simd.h"
+
 namespace mjframes {
 
 Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs)
@@ -65,24 +67,26 @@ void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* forc
 }
 
 void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict force) const {
-  const double* K = stiffness_.data();
-  int at = 0;
-  Vec3 sum{};
-  for (const PointPair& pair : pairs_) {
-    const int j = pair.j, k = pair.k;
-    if (j != at) {
-      force[at] = force[at] - sum;
-      sum = {};
-      at = j;
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL {
+    const double* K = stiffness_.data();
+    int at = 0;
+    Vec3 sum{};
+    for (const PointPair& pair : pairs_) {
+      const int j = pair.j, k = pair.k;
+      if (j != at) {
+        force[at] = force[at] - sum;
+        sum = {};
+        at = j;
+      }
+      const Vec3 uj = u[j], uk = u[k];
+      for (int r = 0; r < 3; r++) sum[r] += K[3 * r] * uk[0] + K[3 * r + 1] * uk[1] + K[3 * r + 2] * uk[2];
+      if (j != k) {
+        for (int r = 0; r < 3; r++) force[k][r] -= K[r] * uj[0] + K[3 + r] * uj[1] + K[6 + r] * uj[2];
+      }
+      K += 9;
     }
-    const Vec3 uj = u[j], uk = u[k];
-    for (int r = 0; r < 3; r++) sum[r] += K[3 * r] * uk[0] + K[3 * r + 1] * uk[1] + K[3 * r + 2] * uk[2];
-    if (j != k) {
-      for (int r = 0; r < 3; r++) force[k][r] -= K[r] * uj[0] + K[3 + r] * uj[1] + K[6 + r] * uj[2];
-    }
-    K += 9;
-  }
-  force[at] = force[at] - sum;
+    force[at] = force[at] - sum;
+  });
 }
 
 double Elasticity::Energy(const Vec3* x) {
