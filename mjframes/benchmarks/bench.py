@@ -414,7 +414,7 @@ def screen() -> Console:
     """Return where tables are printed."""
     console = Console()
     if not console.is_terminal:
-        console.width = 160  # tables are as wide as they need; a pipe's 80 columns would break them
+        console.width = 200  # tables are as wide as they need; a pipe's 80 columns would break them
     return console
 
 
