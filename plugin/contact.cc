@@ -55,9 +55,7 @@ struct Measure {
 };
 
 Measure RowMeasure(const mjModel* m, const mjContact& contact, int r) {
-  const auto axis = [&contact](int i) {
-    return Vec3{contact.frame[3 * i], contact.frame[3 * i + 1], contact.frame[3 * i + 2]};
-  };
+  const auto axis = [&contact](int i) { return ToVec3(contact.frame + 3 * i); };
   if (contact.dim == 1 || m->opt.cone == mjCONE_ELLIPTIC)
     return r < 3 ? Measure{axis(r), {}} : Measure{{}, axis(r - 3)};
   const double scale = (r % 2 == 0 ? 1 : -1) * contact.friction[r / 2];
@@ -86,9 +84,8 @@ bool MovesFlex(const mjModel* m, const mjContact& contact, int dof) {
 double RigidEntry(const mjModel* m, const mjData* d, int body, const Vec3& position, const Measure& measure, int dof) {
   if (!MovesBody(m, dof, body)) return 0;
   const mjtNum* cdof = d->cdof + 6 * dof;
-  const mjtNum* centre = d->subtree_com + 3 * m->body_rootid[body];
-  const Vec3 rotation = {cdof[0], cdof[1], cdof[2]}, arm = position - Vec3{centre[0], centre[1], centre[2]};
-  return Dot(measure.along, Vec3{cdof[3], cdof[4], cdof[5]} + Cross(rotation, arm)) + Dot(measure.about, rotation);
+  const Vec3 rotation = ToVec3(cdof), arm = position - ToVec3(d->subtree_com + 3 * m->body_rootid[body]);
+  return Dot(measure.along, ToVec3(cdof + 3) + Cross(rotation, arm)) + Dot(measure.about, rotation);
 }
 
 // The soft bodies on either side of a contact and what of them its point is made of.
@@ -102,7 +99,7 @@ double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, co
                  const Measure& measure, const Vec3& local, int dof) {
   if (contact.geom[s] < 0) return 0;  // dofs that move a flex are left as they are
   const int body = m->geom_bodyid[contact.geom[s]];
-  const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+  const Vec3 position = ToVec3(contact.pos);
   const Kinematics* kinematics = sides.kinematics[s];
   const int n = kinematics ? kinematics->MoverOfDof(dof) : -1;
   if (n < 0) return RigidEntry(m, d, body, position, measure, dof);
@@ -173,7 +170,7 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
 template <typename Add>
 void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const SoftSide side[2],
                   ContactScratch* scratch, const Add& add) {
-  const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+  const Vec3 position = ToVec3(contact.pos);
   Sides sides = {};
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;
@@ -193,9 +190,8 @@ void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const S
 void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, ContactScratch* scratch) {
   const SoftSide side[2] = {SideOf(m, d, contact.geom[0]), SideOf(m, d, contact.geom[1])};
   if (!side[0].body && !side[1].body) return;
-  WriteContact(m, d, contact, side, scratch, [&](int s, double* weight) {
-    AddPlaceWeights(side[s], d, {contact.pos[0], contact.pos[1], contact.pos[2]}, weight);
-  });
+  WriteContact(m, d, contact, side, scratch,
+               [&](int s, double* weight) { AddPlaceWeights(side[s], d, ToVec3(contact.pos), weight); });
 }
 
 }  // namespace
@@ -239,7 +235,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
       next = 0;
     }
     // contacts of a pair come in the order of its touches, without those that are too far
-    const Vec3 position = {contact.pos[0], contact.pos[1], contact.pos[2]};
+    const Vec3 position = ToVec3(contact.pos);
     const auto find = [&] {
       while (next < count && Norm(found[next].position - position) > kSamePlace) next++;
       return next < count;

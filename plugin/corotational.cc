@@ -54,10 +54,9 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   batch.moduli.material.assign(batch.volume.size(), LawParameters{});
   batch.slope.assign(27 * static_cast<size_t>(m) * batch.volume.size(), 0);
   for (int lane = 0; lane < kWideLanes; lane++) {
-    // lanes without a region have the shape of the first one that is computed with them, without its stiffness
-    const size_t four = lane / kLanes * kLanes;
+    // lanes without a region have the last one's shape, without its stiffness
     const bool filled = lane < static_cast<int>(regions.size());
-    const Region& region = *regions[filled ? lane : four < regions.size() ? four : 0];
+    const Region& region = filled ? *regions[lane] : *regions.back();
     batch.sizes[lane / kLanes] = std::max(batch.sizes[lane / kLanes], region.size());
     batch.inverse_size[lane] = 1.0 / region.size();
     batch.enlargement[lane] = region.enlargement;

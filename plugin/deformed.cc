@@ -68,8 +68,7 @@ DeformedPatch::DeformedPatch(const ContactModel& contact, int patch, const Vec3*
       patch_(patch) {}
 
 Vec3 DeformedPatch::VertexPoint(int s) const {
-  const double* xi = field_.vertex.data() + 3 * (patch().volume.first_vertex + s);
-  return {xi[0], xi[1], xi[2]};
+  return ToVec3(field_.vertex.data() + 3 * (patch().volume.first_vertex + s));
 }
 
 // Whether any of the nodes is under this patch, and any within a cube of the inside.

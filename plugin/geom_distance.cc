@@ -112,18 +112,16 @@ GeomQuery::GeomQuery(const mjModel* m, const mjData* d, const CollisionMeshes& m
       model(m),
       data(d),
       type(m->geom_type[geom]),
+      size(ToVec3(m->geom_size + 3 * geom)),
+      position(ToVec3(d->geom_xpos + 3 * geom)),
+      orientation(ToMat3(d->geom_xmat + 9 * geom)),
       sdf_id(-1),
       plugin(nullptr),
       hull(nullptr),
       reach(reach),
-      bound(m->geom_rbound[geom]) {
-  for (int i = 0; i < 3; i++) {
-    size[i] = m->geom_size[3 * geom + i];
-    position[i] = d->geom_xpos[3 * geom + i];
-    middle[i] = m->geom_aabb[6 * geom + i];
-    extent[i] = m->geom_aabb[6 * geom + 3 + i];
-  }
-  for (int i = 0; i < 9; i++) orientation[i] = d->geom_xmat[9 * geom + i];
+      bound(m->geom_rbound[geom]),
+      middle(ToVec3(m->geom_aabb + 6 * geom)),
+      extent(ToVec3(m->geom_aabb + 6 * geom + 3)) {
   SetExtent();
   if (type == mjGEOM_SDF && m->geom_plugin[geom] >= 0) {
     plugin = mjc_getSDF(m, geom);
@@ -238,7 +236,7 @@ double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {
       mjtNum gradient[3];
       distance = mjc_distance(model, data, &sdf, local.data());
       mjc_gradient(model, data, &sdf, gradient, local.data());
-      n = Direction({gradient[0], gradient[1], gradient[2]}, {0, 0, 1});
+      n = Direction(ToVec3(gradient), {0, 0, 1});
     }
   }
   if (normal) *normal = Mul(orientation, n);

@@ -118,8 +118,7 @@ void Kinematics::StiffenTurns(const std::vector<Vec3>& force, const mjData* d) {
   for (size_t j = 0; j < points_.size(); j++) {
     const int n = points_[j].mover;
     if (n < 0) continue;
-    const mjtNum* at = d->xpos + 3 * movers_[n].body;
-    const Vec3 r = x_[j] - PositionToLocal(d, {at[0], at[1], at[2]});
+    const Vec3 r = x_[j] - PositionToLocal(d, ToVec3(d->xpos + 3 * movers_[n].body));
     const Vec3& f = force[j];
     const double along = Dot(r, f);
     for (int a = 0; a < 3; a++) {

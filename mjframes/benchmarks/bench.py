@@ -166,7 +166,8 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
         with _progress(console) as progress:
             progress.add_task("building bodies of many frames", total=None)
             bodies |= {frames: build(coarse, frames) for frames in MANY_FRAMES}
-    speeds, profiles, note = measure_everything(console, bodies, quick, mujoco4)
+    rounds = QUICK_ROUNDS if quick else ROUNDS
+    speeds, profiles, note = measure_everything(console, bodies, rounds, mujoco4, simulate=not quick)
     show(console, step_table(speeds, STEAK), STEP_NOTE)
     if of(speeds, body=BEAM):
         show(console, flex_table(speeds), note)
@@ -174,7 +175,7 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
         console.print(note, highlight=False)
     show(console, profile_table(profiles), PROFILE_NOTE)
 
-    costs = [measure_cost(volume, sizes[0], law, QUICK_ROUNDS if quick else ROUNDS) for law in LAWS]
+    costs = [measure_cost(volume, sizes[0], law, rounds) for law in LAWS]
     show(console, cost_table(costs), COST_NOTE)
 
     builds = {one.size.frames: one.processor for one in buildings if one.size.samples is None}
@@ -208,7 +209,7 @@ def main(quick: bool = False, mujoco4: str | None = None, picture: str | None = 
 
 
 def measure_everything(
-    console: Console, bodies: Mapping[int, SoftBody], quick: bool, mujoco4: str | None
+    console: Console, bodies: Mapping[int, SoftBody], rounds: int, mujoco4: str | None, simulate: bool
 ) -> tuple[list[Speed], dict[int, dict[str, float]], str]:
     """Return the speeds of the bodies, by frames, and of the beam beside flex; shares of steps in contact; what is to
     be said of flex.
@@ -221,7 +222,6 @@ def measure_everything(
         groups = {key: group for key, group in found.items() if group}
         beams, note = flex_groups(process) if process else ([], HOW)
         everything = [*groups.values(), *beams]
-        rounds = QUICK_ROUNDS if quick else ROUNDS
         progress.update(task, description="stepping", total=rounds * len(everything), completed=0)
         speeds = measure_steps(everything, rounds, lambda: progress.advance(task))
         progress.update(task, description="shares of a step", total=None)
@@ -231,7 +231,7 @@ def measure_everything(
             if (frames, "contact") in groups
         }
         progress.update(task, description="counting instructions")
-        return counted(speeds, everything, simulate=not quick), profiles, note
+        return counted(speeds, everything, simulate), profiles, note
 
 
 def flex_groups(process: FlexProcess) -> tuple[list[Group], str]:
