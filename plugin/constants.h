@@ -12,10 +12,6 @@ namespace mjframes {
 // rounding leaves about 1e-15.
 inline constexpr double kSingularShare = 1e-12;
 
-// Reading
-
-inline constexpr double kWeightSumRounding = 1e-5;  // [-] of a hundred weights in single precision
-
 // Elasticity, law `corotational` (corotational.h)
 
 // [-] of e, above which θ is 1: frames turned by less than 66° against their region and nowhere shortened below 0.4.

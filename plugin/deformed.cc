@@ -38,24 +38,18 @@ Vec3 Interpolate(const double (*x)[4], const Vec3& f, Mat3* F) {
 
 }  // namespace
 
-void DeformedNodes::Forget() {
-  if (++version_ != 0) return;
-  for (Kept& kept : kept_) kept.node = -1;
-}
-
 DeformedNode DeformedNode::Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int number) {
-  double total = 0;
+  int units = 0;
   Vec3 sum{};
-  const int32_t* point = field.point.data();
-  const double* weights = field.weight.data();
+  const NodeShare* shares = field.share.data();
   for (int e = field.start[number], end = field.start[number + 1]; e < end; e++) {
-    const int j = point[e];
+    const auto [part, j] = shares[e];
     if (in_rows && !in_rows[j]) continue;
-    const double weight = weights[e];
-    total += weight;
-    sum = sum + weight * x[j];
+    units += part;
+    sum = sum + static_cast<double>(part) * x[j];
   }
-  const Vec3 mean = total < kLeastInRows ? Vec3{} : (1 / total) * sum;
+  const double total = static_cast<double>(units) / field.units;
+  const Vec3 mean = total < kLeastInRows ? Vec3{} : (1.0 / units) * sum;
   return {{mean[0], mean[1], mean[2], total}};
 }
 
@@ -173,14 +167,15 @@ void DeformedPatch::AddWeights(const Vec3& xi, double scale, double* weight) con
   if (!field_.CubeAt(xi, nodes, &fraction)) return;
   const std::array<double, 8> trilinear = TrilinearWeights(fraction);
   for (int corner = 0; corner < 8; corner++) {
-    const int begin = field_.start[nodes[corner]], end = field_.start[nodes[corner] + 1];
-    double total = 0;
-    for (int e = begin; e < end; e++) {
-      if (in_rows_[field_.point[e]]) total += field_.weight[e];
+    const NodeShare *begin = field_.share.data() + field_.start[nodes[corner]],
+                    *end = field_.share.data() + field_.start[nodes[corner] + 1];
+    int total = 0;
+    for (const NodeShare* share = begin; share < end; share++) {
+      if (in_rows_[share->point]) total += share->units;
     }
-    const double share = scale * trilinear[corner] / total;
-    for (int e = begin; e < end; e++) {
-      if (in_rows_[field_.point[e]]) weight[field_.point[e]] += share * field_.weight[e];
+    const double unit = scale * trilinear[corner] / total;
+    for (const NodeShare* share = begin; share < end; share++) {
+      if (in_rows_[share->point]) weight[share->point] += unit * share->units;
     }
   }
 }

@@ -6,6 +6,7 @@
 #ifndef MJFRAMES_PLUGIN_DEFORMED_H_
 #define MJFRAMES_PLUGIN_DEFORMED_H_
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -29,29 +30,24 @@ struct DeformedNode {
 // others. Those of which the rows of a patch leave something out, rare ones, are made anew each time.
 class DeformedNodes {
  public:
-  // places: how many; not asked for any node where there are none.
-  explicit DeformedNodes(size_t places) : kept_(places) {}
+  // places: how many, a power of two.
+  explicit DeformedNodes(size_t places) : node_(places, -1), deformed_(places) {}
 
   // After the control points have moved.
-  void Forget();
+  void Forget() { std::fill(node_.begin(), node_.end(), -1); }
 
   const DeformedNode& At(int node, const DistanceField& field, const Vec3* x) {
-    Kept& kept = kept_[static_cast<size_t>(node) % kept_.size()];
-    if (kept.node != node || kept.version != version_) {
-      kept = {DeformedNode::Create(field, nullptr, x, node), node, version_};
+    const size_t place = static_cast<size_t>(node) & (node_.size() - 1);
+    if (node_[place] != node) {
+      node_[place] = node;
+      deformed_[place] = DeformedNode::Create(field, nullptr, x, node);
     }
-    return kept.deformed;
+    return deformed_[place];
   }
 
  private:
-  struct Kept {
-    DeformedNode deformed;
-    int32_t node = -1;  // which
-    uint32_t version;   // of the control points that it was found for
-  };
-
-  std::vector<Kept> kept_;
-  uint32_t version_ = 0;
+  std::vector<int32_t> node_;           // which one is kept in a place, −1 for none
+  std::vector<DeformedNode> deformed_;  // in these places
 };
 
 inline constexpr int kAllPatches = -1;

@@ -14,7 +14,7 @@ bool Within(const std::vector<int32_t>& values, int64_t end) {
 
 }  // namespace
 
-std::string DistanceField::Finish(int points, int patches, int vertices) {
+std::string DistanceField::Finish(int patches, int vertices) {
   const size_t n = node.size();
   if (!(spacing > 0) || axes.size() != 9 || origin.size() != 3 || shape.size() != 3 ||
       *std::min_element(shape.begin(), shape.end()) < 2) {
@@ -27,11 +27,11 @@ std::string DistanceField::Finish(int points, int patches, int vertices) {
   }
   start.assign(1, 0);
   for (const int32_t entries : count) start.push_back(start.back() + std::max(entries, 0));
-  if (distance.size() != n || patch.size() != n || count.size() != n || point.size() != weight.size() ||
-      static_cast<size_t>(start.back()) != point.size() || vertex.size() != 3 * static_cast<size_t>(vertices)) {
+  if (distance.size() != n || patch.size() != n || count.size() != n ||
+      static_cast<size_t>(start.back()) != share.size() || vertex.size() != 3 * static_cast<size_t>(vertices)) {
     return "its lattice arrays do not match each other";
   }
-  if (!Within(patch, patches) || !Within(point, points)) return "its lattice names patches or points it has not";
+  if (!Within(patch, patches)) return "its lattice names patches it has not";
   place.assign(total, -1);
   for (size_t i = 0; i < n; i++) {
     place[node[i]] = static_cast<int32_t>(i);

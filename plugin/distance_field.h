@@ -15,6 +15,12 @@
 
 namespace mjframes {
 
+// What of a node a control point moves.
+struct NodeShare {
+  int16_t units;   // of its weight
+  uint16_t point;  // which
+};
+
 struct DistanceField {
   double spacing = 0;            // of the nodes [m]
   std::vector<double> axes;      // its directions in the soft body's axes, columns   (3 × 3)
@@ -24,17 +30,17 @@ struct DistanceField {
   std::vector<double> distance;  // φ, negative inside [m]                       (n)
   std::vector<int32_t> patch;    // whose contact vertices are nearest           (n)
   std::vector<int32_t> count;    // control points that move each node           (n)
-  std::vector<int32_t> point;    // which                                        (Σ count)
-  std::vector<double> weight;    // W_j(n)                                       (Σ count)
+  std::vector<NodeShare> share;  // W_j(n) in units                              (Σ count)
+  int units = 0;                 // that a node has
   std::vector<double> vertex;    // ξ of the contact vertices, patch after patch (3 × vertices)
 
   // Derived.
   std::vector<int32_t> place;  // from the whole lattice to the nodes kept, −1 where there is none
   std::vector<int32_t> start;  // first entry of each node, and the end          (n + 1)
 
-  // Checks the arrays against each other and against the numbers of control points, patches and contact vertices, and
-  // derives the rest. On failure returns what is wrong.
-  std::string Finish(int points, int patches, int vertices);
+  // Checks the arrays against each other and against the numbers of patches and contact vertices, and derives the rest.
+  // On failure returns what is wrong.
+  std::string Finish(int patches, int vertices);
 
   // ξ of a place at rest [m].
   Vec3 Coordinates(const Vec3& p) const;

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <numeric>
 #include <optional>
 #include <string>
 
@@ -15,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "4";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "5";  // of the attributes; a model written by another version is refused
 
 // The control points of each region, and the pairs that their blocks belong to.
 struct Coupling {
@@ -141,15 +140,6 @@ void ReadCells(Law law, int factors, std::vector<Region>* regions, Reader* reade
                               {slope.begin() + s, slope.begin() + s + length}});
     }
   }
-}
-
-// Makes the sum of a node's weights exactly 1: they are stored in single precision, and far from the world's origin
-// that would show.
-bool Normalize(double* weight, size_t count, Reader* reader) {
-  const double sum = std::accumulate(weight, weight + count, 0.0);
-  if (!reader->Check(std::abs(sum - 1) < kWeightSumRounding, "its lattice's weights do not sum to 1")) return false;
-  for (size_t i = 0; i < count; i++) weight[i] /= sum;
-  return true;
 }
 
 // Of one frame each, or of the law `corotational`.
@@ -332,7 +322,7 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   field.node = reader->Array<int32_t>("lattice_node");
   field.distance = reader->Array<double>("lattice_distance");
   field.patch = reader->Array<int32_t>("lattice_patch");
-  field.weight = reader->Array<double>("lattice_weight");
+  const auto weight = reader->Array<int32_t>("lattice_weight");
   field.vertex = reader->Array<double>("lattice_sphere");
   const auto size = reader->Array<int32_t>("set_size");
   const auto point = reader->Array<int32_t>("set_point");
@@ -347,12 +337,21 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   for (const int32_t some : set) {
     if (!reader->Check(some >= 0 && some < static_cast<int32_t>(size.size()), kMismatch)) return {};
     const size_t first = start[some], end = start[some + 1];
-    if (!reader->Check(field.point.size() + end - first <= field.weight.size(), kMismatch)) return {};
-    if (!Normalize(field.weight.data() + field.point.size(), end - first, reader)) return {};
+    if (!reader->Check(field.share.size() + end - first <= weight.size(), kMismatch)) return {};
+    int64_t sum = 0;
+    for (size_t e = first; e < end; e++) {
+      const int32_t units = weight[field.share.size()];
+      const bool fits = units >= -INT16_MAX && units <= INT16_MAX && points <= UINT16_MAX;
+      if (!reader->Check(fits && point[e] >= 0 && point[e] < points, kMismatch)) return {};
+      field.share.push_back({static_cast<int16_t>(units), static_cast<uint16_t>(point[e])});
+      sum += units;
+    }
+    if (field.units == 0) field.units = static_cast<int>(sum);
+    if (!reader->Check(sum > 0 && sum == field.units, "its lattice's weights do not sum to the same")) return {};
     field.count.push_back(static_cast<int32_t>(end - first));
-    field.point.insert(field.point.end(), point.begin() + first, point.begin() + end);
   }
-  const std::string wrong = field.Finish(points, static_cast<int>(patches.size()), vertices);
+  if (!reader->Check(field.share.size() == weight.size(), kMismatch)) return {};
+  const std::string wrong = field.Finish(static_cast<int>(patches.size()), vertices);
   if (!wrong.empty()) reader->Fail(wrong);
   return field;
 }

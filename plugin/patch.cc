@@ -24,13 +24,14 @@ std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size
   }
   for (const int node : field.NodesBelow(number)) {
     std::vector<double> weight(k, 0.0);
-    double total = 0;
+    int total = 0;
     for (int e = field.start[node]; e < field.start[node + 1]; e++) {
-      if (!in_rows[field.point[e]]) continue;
-      weight[field.point[e]] = field.weight[e];
-      total += field.weight[e];
+      const auto [units, point] = field.share[e];
+      if (!in_rows[point]) continue;
+      weight[point] = units;
+      total += units;
     }
-    if (total < kLeastInRows) continue;
+    if (total < kLeastInRows * field.units) continue;
     for (double& w : weight) w /= total;
     samples.push_back(std::move(weight));
   }
@@ -106,9 +107,9 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
   volume.steps = StepsToPatch(contact.field, number);
   const DistanceField& field = contact.field;
   for (size_t node = 0; node < field.node.size(); node++) {
-    const auto moves = [&](int j) { return volume.in_rows[j] != 0; };
-    const int32_t* point = field.point.data();
-    volume.whole.push_back(std::all_of(point + field.start[node], point + field.start[node + 1], moves));
+    const auto moves = [&](const NodeShare& share) { return volume.in_rows[share.point] != 0; };
+    const NodeShare* share = field.share.data();
+    volume.whole.push_back(std::all_of(share + field.start[node], share + field.start[node + 1], moves));
   }
   const std::vector<std::vector<double>> samples = SampleWeights(contact, k, number, volume.in_rows);
   std::vector<double> mean(k, 0.0);

@@ -1,6 +1,7 @@
 #include "surface_state.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <limits>
 
@@ -24,7 +25,7 @@ void CopyShares(const Touch* touch, int count, const double* from, const Vec3* f
 }
 
 size_t KeptNodes(const ContactModel& contact, bool pairs) {
-  return std::min(contact.field.node.size(), pairs ? kKeptSoftNodes : kKeptNodes);
+  return std::min(std::bit_ceil(contact.field.node.size()), pairs ? kKeptSoftNodes : kKeptNodes);
 }
 
 }  // namespace

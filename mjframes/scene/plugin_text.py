@@ -17,6 +17,7 @@ from mjframes.elasticity.rotations import frame_gradients
 from mjframes.elasticity.stiffness import shows_rotations
 from mjframes.scene.carriers import Carrier
 from mjframes.scene.patches import Patch
+from mjframes.scene.rounding import in_units
 from mjframes.whole_body.cells import Cells
 
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
@@ -76,6 +77,7 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
 )
 TYPES = {"i8": "<i1", "i16": "<i2", "i32": "<i4", "f32": "<f4", "f64": "<f8"}  # of arrays
 SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
+LARGEST_SHARE = np.iinfo(np.int16).max - 1  # of a node's weights, before they are rounded
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
 
 
@@ -249,6 +251,7 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     number[[body.contact.patch[patch.spheres[0]] for patch in patches]] = np.arange(len(patches))
     moved = np.zeros((len(field.node), len(body.control.frame)), bool)
     moved[field.weights.nonzero()] = True
+    weights = in_units(field.weights, int(LARGEST_SHARE / np.abs(field.weights.data).max()))
     _, of_set, in_set = np.unique(np.packbits(moved, axis=1), axis=0, return_index=True, return_inverse=True)
     sets = [np.flatnonzero(moved[node]) for node in of_set]
     return {
@@ -262,7 +265,7 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
         "lattice_set": encode(in_set),
         "set_size": encode([len(points) for points in sets]),
         "set_point": encode(np.concatenate(sets)),
-        "lattice_weight": encode(field.weights.toarray()[moved].astype(np.float32)),
+        "lattice_weight": encode(weights.toarray()[moved]),
         "lattice_sphere": encode(np.concatenate([field.spheres[patch.spheres] for patch in patches], dtype=np.float32)),
     }
 

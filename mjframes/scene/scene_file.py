@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,6 +17,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.load import load_scene
 from mjframes.scene.plugin_text import SEPARATOR
+from mjframes.scene.skins import WEIGHT_UNITS
 from mjframes.scene.solver import choose_solver
 from mjframes.volume.volume import Volume
 
@@ -111,8 +113,25 @@ def write_scene(spec: mujoco.MjSpec, path: Path) -> None:
         compiler = ElementTree.SubElement(root, "compiler") if compiler is None else compiler
         for kind, folder in (("meshdir", spec.meshdir), ("texturedir", spec.texturedir)):
             compiler.set(kind, os.path.relpath(os.path.join(spec.modelfiledir, folder), path.parent))
+    for skin in root.iter("skin"):
+        _shorten(skin)
     path.write_text(ElementTree.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
     load_scene(path)
+
+
+def _shorten(skin: ElementTree.Element) -> None:
+    """Write a skin's numbers, most of a scene's, in fewer letters: .5 for 0.5, and whole units for rounded weights.
+
+    MuJoCo takes the weights of a vertex relative to their sum.
+    """
+    for key in ("vertex", "texcoord"):
+        if key in skin.attrib:
+            skin.set(key, re.sub(r"(?<![0-9.])0\.", ".", skin.attrib[key]))
+    bones = skin.findall("bone")
+    units = [WEIGHT_UNITS * np.array(bone.attrib["vertweight"].split(), float) for bone in bones]
+    if all(np.allclose(some, np.round(some), rtol=0, atol=1e-6 * WEIGHT_UNITS) for some in units):
+        for bone, some in zip(bones, units, strict=True):
+            bone.set("vertweight", " ".join(map(str, np.round(some).astype(int).tolist())))
 
 
 def _places(address: np.ndarray, size: int, chosen: Sequence[bool]) -> np.ndarray:

@@ -14,9 +14,10 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links
 from mjframes.scene.carriers import Carrier, carrier_of
 from mjframes.scene.plugin_text import SEPARATOR
+from mjframes.scene.rounding import in_units
 from mjframes.scene.veins import add_veined_material, vein_coordinates
 
-WEIGHT_DIGITS = 4  # decimals of skin weights, which MJCF writes as text: where frames turn, 1e-4 of their distance
+WEIGHT_UNITS = 10_000  # of skin weights, which MJCF writes as text: where frames turn, 1e-4 of their distance
 VERTEX_ROUNDING = 1e-4  # [-] of the body's size, at most: of the vertices' places, a tenth of a pixel
 
 
@@ -28,7 +29,8 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
     skin = body.skin
     bone_of = carrier_of(carried)
     gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
-    rounded = _rounded(sparse.csr_array(skin.weights @ gather))
+    rounded = in_units(sparse.csr_array(skin.weights @ gather), WEIGHT_UNITS) / WEIGHT_UNITS
+    rounded.eliminate_zeros()
     places = np.round(skin.vertices, math.ceil(-math.log10(VERTEX_ROUNDING * np.ptp(skin.vertices, axis=0).max())))
     names = Counter(["", "", *(body.materials[int(label)].name for label in np.unique(skin.label))])  # "" is no name
     for label in np.unique(skin.label):
@@ -55,16 +57,3 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
             add_veined_material(spec, material, added.name)
             added.material = added.name
             added.texcoord = vein_coordinates(skin.vertices[used], material.vein_spacing).ravel()
-
-
-def _rounded(weights: sparse.csr_array) -> sparse.csr_array:
-    """The weights in `WEIGHT_DIGITS` decimals: differences of the rounded running sum of a row, which ends with 1."""
-    first, last = weights.indptr[:-1], weights.indptr[1:] - 1
-    running = np.cumsum(weights.data)
-    running -= np.repeat((running - weights.data)[first], np.diff(weights.indptr))
-    running[last] = 1
-    units = np.round(running * 10**WEIGHT_DIGITS)
-    units[1:] -= np.where(np.isin(np.arange(1, len(units)), first), 0, units[:-1])
-    rounded = sparse.csr_array((units / 10**WEIGHT_DIGITS, weights.indices, weights.indptr), weights.shape)
-    rounded.eliminate_zeros()
-    return rounded

@@ -18,7 +18,7 @@ from mjframes.surface.contact_points import ContactPoints
 from mjframes.surface.isosurface import Surface
 from mjframes.volume.grid import Grid
 
-NODES = 8000  # at most: 0.1 MB of distances and indices, and a megabyte of weights
+NODES = 8000  # at most: 0.1 MB of distances and indices, and half a megabyte of weights
 GROWTH = 1.15  # [-] of the spacing, until the nodes are few enough
 BAND = 2.5  # [cells] outside the surface that nodes reach, so that all cells within half a one of it are complete
 COVERED = 0.9  # [-] share of a node's weight that the control points of its patch must have, if any patch's do

@@ -29,7 +29,7 @@ def edited(key: str, pattern: str, replacement: str) -> str:
 
 
 DAMAGED = {
-    "another version": ("version", "4", "99", "its data has version '99', this plugin reads version 4"),
+    "another version": ("version", "5", "99", "its data has version '99', this plugin reads version 5"),
     "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
     "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
     "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
@@ -80,9 +80,9 @@ DAMAGED = {
     "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 64), "a cluster of a patch has no valid size"),
     "other lattice weights": (
         "lattice_weight",
-        r"(f32:\d+:).{8}",
+        r"(i16:\d+:).{8}",
         r"\g<3>AAAAAAAA",
-        "its lattice's weights do not sum to 1",
+        "its lattice's weights do not sum to the same",
     ),
     "unknown sets": ("set_size", r"[^\"]*", encode([1]), "its lattice arrays do not match each other"),
     "patch points": (
