@@ -72,18 +72,18 @@ MJFRAMES_INLINE void EliminateOf(double* const* U, int size, double* const* row,
 
 // A chain's unknowns last to first: x −= (U_ka / D_k) x_k, x_k /= D_k.
 template <typename V>
-MJFRAMES_INLINE void Descend(const double* U, int k, double inverse, double* x) {
+MJFRAMES_INLINE void Descend(const double* U, int begin, int k, double inverse, double* x) {
   const double part = x[k] *= inverse;
-  int a = 0;
+  int a = begin;
   for (; a + kWidth<V> <= k; a += kWidth<V>) Store(Load<V>(x + a) - part * Load<V>(U + a), x + a);
   for (; a < k; a++) x[a] -= part * U[a];
 }
 
 // x_k −= Σ_a (U_ka / D_k) x_a
 template <typename V>
-MJFRAMES_INLINE void Ascend(const double* U, int k, double inverse, double* x) {
+MJFRAMES_INLINE void Ascend(const double* U, int begin, int k, double inverse, double* x) {
   V sums = Fill<V>(0);
-  int a = 0;
+  int a = begin;
   for (; a + kWidth<V> <= k; a += kWidth<V>) sums += Load<V>(U + a) * Load<V>(x + a);
   double sum = 0;
   for (int lane = 0; lane < kWidth<V>; lane++) sum += sums[lane];
@@ -97,7 +97,7 @@ void Eliminate(double* const* U, int size, double* const* row, int above, double
   Dispatch([&]<typename V>() MJFRAMES_KERNEL { EliminateOf<V>(U, size, row, above, scaled, inverse); });
 }
 
-bool Dense::Solve(double* x) const {
+bool Envelope::Solve(double* x) const {
   double *inverse = memory, *scaled = memory + n;
   double* rows[kMostRows];
   for (int k = 0; k < n; k++) {
@@ -105,15 +105,21 @@ bool Dense::Solve(double* x) const {
     std::fill(rows[k] + k + 1, rows[k] + PadToTile(k + 1), 0.0);
   }
   for (int end = n; end > 0; end -= kMaxChain) {
-    const int first = std::max(0, end - kMaxChain);
-    Eliminate(rows + first, end - first, rows, first, scaled, inverse + first);
+    const int first = std::max(0, end - kMaxChain), left = *std::min_element(begin + first, begin + end);
+    double* from_left[kMostRows];  // rows
+    for (int k = left; k < end; k++) {
+      std::fill(rows[k] + left, rows[k] + std::max(begin[k], left), 0.0);
+      begin[k] = std::min(begin[k], left);
+      from_left[k] = rows[k] + left;
+    }
+    Eliminate(from_left + first, end - first, from_left + left, first - left, scaled, inverse + first);
     for (int k = first; k < end; k++) {
       if (!(rows[k][k] > mjMINVAL)) return false;
     }
   }
   Dispatch([&]<typename V>() MJFRAMES_KERNEL {
-    for (int k = n - 1; k >= 0; k--) Descend<V>(rows[k], k, inverse[k], x);
-    for (int k = 0; k < n; k++) Ascend<V>(rows[k], k, inverse[k], x);
+    for (int k = n - 1; k >= 0; k--) Descend<V>(rows[k], begin[k], k, inverse[k], x);
+    for (int k = 0; k < n; k++) Ascend<V>(rows[k], begin[k], k, inverse[k], x);
   });
   return true;
 }

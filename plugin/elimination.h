@@ -22,8 +22,10 @@ constexpr int PadToTile(int n) { return PadToWide(n + kTile - 1); }
 // memory (size × (above + size)). inverse becomes 1 / D of the chain.
 void Eliminate(double* const* U, int size, double* const* row, int above, double* scaled, double* inverse);
 
-// A dense symmetric matrix of n unknowns, positive definite, of which rows are known up to the diagonal.
-struct Dense {
+// A symmetric matrix of n unknowns, positive definite: its rows from their first entry to the diagonal, all between
+// them. What is left of that is zero, most of a matrix of things that hang together like a chain, and nobody reads it;
+// where elimination fills it in, rows begin earlier.
+struct Envelope {
   // How many numbers it takes, and its memory.
   static constexpr size_t Entries(int n) { return static_cast<size_t>(n) * PadToTile(n); }
   static constexpr size_t Memory(int n) { return static_cast<size_t>(kMaxChain + 1) * n; }
@@ -31,6 +33,7 @@ struct Dense {
   int n;           // kMostRows at most
   double* matrix;  // Entries(n); its factors after Solve
   double* memory;  // Memory(n)
+  int* begin;      // of each row (n), multiples of kWideLanes
 
   double* Row(int k) const { return matrix + static_cast<size_t>(k) * PadToTile(n); }
 

@@ -223,6 +223,7 @@ struct IslandGroups {
   int count;
   double* A;     // (kLanes count)²
   char* known;   // which of its blocks     (count × count)
+  int* begin;    // of each group, the first one with which it shares a tree (count)
   double* work;  // (nv)
 
   const RowGroup& operator[](int i) const { return group[member[i]]; }
@@ -245,7 +246,23 @@ struct IslandGroups {
     }
   }
 
-  // Makes A right where both entries are among these, ascending, and the second is not behind the first's group.
+  // Finds where groups begin. first: memory (ntree).
+  void FindBegins(int* first) const {
+    std::fill_n(first, m->ntree, count);
+    for (int i = 0; i < count; i++) {
+      const RowGroup& one = (*this)[i];
+      begin[i] = i;
+      for (const int *dof = one.dof, *end = dof + one.size; dof < end;) {
+        const int tree = m->dof_treeid[*dof];
+        first[tree] = std::min(first[tree], i);
+        begin[i] = std::min(begin[i], first[tree]);
+        dof = std::lower_bound(dof, end, m->tree_dofadr[tree] + m->tree_dofnum[tree]);
+      }
+    }
+  }
+
+  // Makes A right where both entries are among these, ascending, and the second's group is from where the first's
+  // begins up to that.
   void Multiply(const int* entry, int entries) const {
     for (int e = 0, last = -1; e < entries; e++) {
       const int one = entry[e] / kLanes;
@@ -253,7 +270,7 @@ struct IslandGroups {
       last = one;
       for (int f = 0, before = -1; f <= e; f++) {
         const int other = entry[f] / kLanes;
-        if (other == before) continue;
+        if (other == before || other < begin[one]) continue;
         before = other;
         char& is_known = known[one * count + other];
         if (is_known) continue;
@@ -269,13 +286,17 @@ struct IslandGroups {
 
 // g for the rows that are free now, `count` of them, where the others stay as they are in g. False where that fails.
 bool SolveFree(const Problem& problem, const Island& island, const IslandGroups& groups, const int* free, int count,
-               double* matrix, double* memory, double* right, double* g) {
-  const Dense dense = {count, matrix, memory};
+               double* matrix, double* memory, int* begin, double* right, double* g) {
+  const Envelope envelope = {count, matrix, memory, begin};
   groups.Multiply(free, count);
   for (int a = 0; a < count; a++) {
     const double* row = groups.A + static_cast<size_t>(free[a]) * kLanes * groups.count;
-    double* into = dense.Row(a);
-    for (int b = 0; b <= a; b++) into[b] = row[free[b]];
+    double* into = envelope.Row(a);
+    const int group = groups.begin[free[a] / kLanes];
+    const int there = group == 0 ? 0 : static_cast<int>(std::lower_bound(free, free + a, kLanes * group) - free);
+    begin[a] = there / kWideLanes * kWideLanes;
+    std::fill(into + begin[a], into + there, 0.0);
+    for (int b = there; b <= a; b++) into[b] = row[free[b]];
     into[a] += 1 / problem.D[free[a]];
     g[free[a]] = 0;
   }
@@ -286,7 +307,7 @@ bool SolveFree(const Problem& problem, const Island& island, const IslandGroups&
     start = right;
   }
   for (int a = 0; a < count; a++) right[a] = -start[free[a]];
-  if (!dense.Solve(right)) return false;
+  if (!envelope.Solve(right)) return false;
   for (int a = 0; a < count; a++) g[free[a]] = right[a];
   return true;
 }
@@ -297,18 +318,20 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
                  int count, double* half, double* work) {
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
-  if (!HasRoom(d, square + Dense::Entries(n) + Dense::Memory(n) + 16 * static_cast<size_t>(n))) return false;
+  if (!HasRoom(d, square + Envelope::Entries(n) + Envelope::Memory(n) + 17 * static_cast<size_t>(n) + m->ntree))
+    return false;
   MarkStack(d);
-  double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, Dense::Entries(n));
-  double* memory = mj_stackAllocNum(d, Dense::Memory(n));
+  double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, Envelope::Entries(n));
+  double* memory = mj_stackAllocNum(d, Envelope::Memory(n));
   double *D = mj_stackAllocNum(d, n), *jar0 = mj_stackAllocNum(d, n), *jar = mj_stackAllocNum(d, n);
   double *g = mj_stackAllocNum(d, n), *next = mj_stackAllocNum(d, n), *change = mj_stackAllocNum(d, n);
   double *p = mj_stackAllocNum(d, n), *q = mj_stackAllocNum(d, n), *right = mj_stackAllocNum(d, n);
   auto* bounds = static_cast<Bounds*>(mj_stackAllocByte(d, n * sizeof(Bounds), alignof(Bounds)));
-  int *free = mj_stackAllocInt(d, n), *before = mj_stackAllocInt(d, n);
+  int *free = mj_stackAllocInt(d, n), *before = mj_stackAllocInt(d, n), *begin = mj_stackAllocInt(d, n);
   char* known = static_cast<char*>(mj_stackAllocByte(d, static_cast<size_t>(count) * count, 1));
   std::fill_n(known, static_cast<size_t>(count) * count, 0);
-  const IslandGroups groups = {m, group, members, count, A, known, work};
+  const IslandGroups groups = {m, group, members, count, A, known, mj_stackAllocInt(d, count), work};
+  groups.FindBegins(mj_stackAllocInt(d, m->ntree));
   for (int i = 0; i < n; i++) {
     const int r = i % kLanes, row = groups[i / kLanes].row + r;
     const bool there = r < groups[i / kLanes].rows;
@@ -340,7 +363,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
       for (int k = 0; k < island.dofs; k++) gap += work[island.Dof(k)] * work[island.Dof(k)];
       solved = 0.5 * island.scale * gap < m->opt.tolerance;
     }
-    if (solved || !SolveFree(problem, island, groups, free, size, matrix, memory, right, next)) break;
+    if (solved || !SolveFree(problem, island, groups, free, size, matrix, memory, begin, right, next)) break;
     groups.Spread(island, next);
     groups.Gather(work, jar0, change);
     double step = 1;

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 import pytest
@@ -16,20 +18,25 @@ ROBOT = """<mujoco><option jacobian="{}" solver="{}"/><worldbody><geom type="pla
 <actuator><motor joint="swing" ctrlrange="-1 1"/></actuator></mujoco>"""
 
 
-def falling(jacobian: str, solver: str, apart: float = 0) -> mujoco.MjModel:
-    """Two beams on a floor, one on the other or so far apart [m], and a robot at the limit of its joint: all rows but
-    equalities. Beams on each other have more rows than degrees of freedom.
-    """
+# y, z of beams along x [m]
+APART = ((-1.0, 0.02), (-0.5, 0.02))
+STACK = ((-1.0, 0.02), (-1.0, 0.08))  # more rows than degrees of freedom
+TOWER = (*STACK, (-1.0, 0.14), (-1.0, 0.20))  # rows between the upper two know nothing of the floor's
+BRIDGE = ((-1.022, 0.02), (-0.978, 0.02), (-1.0, 0.08))  # nor those below one pier of the other's, but by the bridge
+
+
+def falling(jacobian: str, solver: str, beams: Sequence[tuple[float, float]] = STACK) -> mujoco.MjModel:
+    """Beams on a floor, and a robot at the limit of its joint: all rows but equalities."""
     spec = mujoco.MjSpec.from_string(ROBOT.format(jacobian, solver))
-    for number in range(2):
-        mf.attach(spec, beam(), f"beam{number}", pos=(1, -1 + apart * number, 0.02 + (0 if apart else 0.06 * number)))
+    for number, (y, z) in enumerate(beams):
+        mf.attach(spec, beam(), f"beam{number}", pos=(1, y, z))
     return spec.compile()
 
 
 @pytest.mark.parametrize("jacobian", ["dense", "sparse"])
 @pytest.mark.parametrize("solver", ["Newton", "CG"])
 def test_mujocos_solver_has_next_to_nothing_left_to_do(jacobian: str, solver: str) -> None:
-    model = falling(jacobian, solver, apart=0.5)
+    model = falling(jacobian, solver, APART)
     data = mujoco.MjData(model)
     data.ctrl[0] = -0.3
     touched = iterated = 0
@@ -42,8 +49,9 @@ def test_mujocos_solver_has_next_to_nothing_left_to_do(jacobian: str, solver: st
     assert iterated <= 2  # without it, in most steps
 
 
-def test_it_is_the_solution_that_mujoco_finds_from_a_cold_start() -> None:
-    model = falling("dense", "Newton")
+@pytest.mark.parametrize("beams", [STACK, TOWER, BRIDGE])
+def test_it_is_the_solution_that_mujoco_finds_from_a_cold_start(beams: Sequence[tuple[float, float]]) -> None:
+    model = falling("dense", "Newton", beams)
     data = mujoco.MjData(model)
     for _ in range(60):
         mujoco.mj_step(model, data)
