@@ -29,7 +29,7 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
     skin = body.skin
     bone_of = carrier_of(carried)
     gather = sparse.csr_array((np.ones(len(bone_of)), (np.arange(len(bone_of)), bone_of)))
-    rounded = in_units(sparse.csr_array(skin.weights @ gather), WEIGHT_UNITS) / WEIGHT_UNITS
+    rounded = sparse.csr_array(in_units(sparse.csr_array(skin.weights @ gather), WEIGHT_UNITS) / WEIGHT_UNITS)
     rounded.eliminate_zeros()
     places = np.round(skin.vertices, math.ceil(-math.log10(VERTEX_ROUNDING * np.ptp(skin.vertices, axis=0).max())))
     names = Counter(["", "", *(body.materials[int(label)].name for label in np.unique(skin.label))])  # "" is no name
