@@ -41,9 +41,9 @@ Vec3 Interpolate(const double (*x)[4], const Vec3& f, Mat3* F) {
 DeformedNode DeformedNode::Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int number) {
   int units = 0;
   Vec3 sum{};
-  const NodeShare* shares = field.share.data();
+  const NodeWeight* weights = field.weight.data();
   for (int e = field.start[number], end = field.start[number + 1]; e < end; e++) {
-    const auto [part, j] = shares[e];
+    const auto [part, j] = weights[e];
     if (in_rows && !in_rows[j]) continue;
     units += part;
     sum = sum + static_cast<double>(part) * x[j];
@@ -167,15 +167,15 @@ void DeformedPatch::AddWeights(const Vec3& xi, double scale, double* weight) con
   if (!field_.CubeAt(xi, nodes, &fraction)) return;
   const std::array<double, 8> trilinear = TrilinearWeights(fraction);
   for (int corner = 0; corner < 8; corner++) {
-    const NodeShare *begin = field_.share.data() + field_.start[nodes[corner]],
-                    *end = field_.share.data() + field_.start[nodes[corner] + 1];
+    const NodeWeight *begin = field_.weight.data() + field_.start[nodes[corner]],
+                     *end = field_.weight.data() + field_.start[nodes[corner] + 1];
     int total = 0;
-    for (const NodeShare* share = begin; share < end; share++) {
-      if (in_rows_[share->point]) total += share->units;
+    for (const NodeWeight* some = begin; some < end; some++) {
+      if (in_rows_[some->point]) total += some->units;
     }
     const double unit = scale * trilinear[corner] / total;
-    for (const NodeShare* share = begin; share < end; share++) {
-      if (in_rows_[share->point]) weight[share->point] += unit * share->units;
+    for (const NodeWeight* some = begin; some < end; some++) {
+      if (in_rows_[some->point]) weight[some->point] += unit * some->units;
     }
   }
 }

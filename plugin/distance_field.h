@@ -16,23 +16,23 @@
 namespace mjframes {
 
 // What of a node a control point moves.
-struct NodeShare {
+struct NodeWeight {
   int16_t units;   // of its weight
   uint16_t point;  // which
 };
 
 struct DistanceField {
-  double spacing = 0;            // of the nodes [m]
-  std::vector<double> axes;      // its directions in the soft body's axes, columns   (3 × 3)
-  std::vector<double> origin;    // of node 0 at rest [m]                        (3)
-  std::vector<int32_t> shape;    // nodes along each axis                        (3)
-  std::vector<int32_t> node;     // those kept, by their place in the lattice   (n, ascending)
-  std::vector<double> distance;  // φ, negative inside [m]                       (n)
-  std::vector<int32_t> patch;    // whose contact vertices are nearest           (n)
-  std::vector<int32_t> count;    // control points that move each node           (n)
-  std::vector<NodeShare> share;  // W_j(n) in units                              (Σ count)
-  int units = 0;                 // that a node has
-  std::vector<double> vertex;    // ξ of the contact vertices, patch after patch (3 × vertices)
+  double spacing = 0;              // of the nodes [m]
+  std::vector<double> axes;        // its directions in the soft body's axes, columns   (3 × 3)
+  std::vector<double> origin;      // of node 0 at rest [m]                        (3)
+  std::vector<int32_t> shape;      // nodes along each axis                        (3)
+  std::vector<int32_t> node;       // those kept, by their place in the lattice   (n, ascending)
+  std::vector<double> distance;    // φ, negative inside [m]                       (n)
+  std::vector<int32_t> patch;      // whose contact vertices are nearest           (n)
+  std::vector<int32_t> count;      // control points that move each node           (n)
+  std::vector<NodeWeight> weight;  // W_j(n) in units                            (Σ count)
+  int units = 0;                   // that a node has
+  std::vector<double> vertex;      // ξ of the contact vertices, patch after patch (3 × vertices)
 
   // Derived.
   std::vector<int32_t> place;  // from the whole lattice to the nodes kept, −1 where there is none

@@ -337,20 +337,20 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   for (const int32_t some : set) {
     if (!reader->Check(some >= 0 && some < static_cast<int32_t>(size.size()), kMismatch)) return {};
     const size_t first = start[some], end = start[some + 1];
-    if (!reader->Check(field.share.size() + end - first <= weight.size(), kMismatch)) return {};
+    if (!reader->Check(field.weight.size() + end - first <= weight.size(), kMismatch)) return {};
     int64_t sum = 0;
     for (size_t e = first; e < end; e++) {
-      const int32_t units = weight[field.share.size()];
+      const int32_t units = weight[field.weight.size()];
       const bool fits = units >= -INT16_MAX && units <= INT16_MAX && points <= UINT16_MAX;
       if (!reader->Check(fits && point[e] >= 0 && point[e] < points, kMismatch)) return {};
-      field.share.push_back({static_cast<int16_t>(units), static_cast<uint16_t>(point[e])});
+      field.weight.push_back({static_cast<int16_t>(units), static_cast<uint16_t>(point[e])});
       sum += units;
     }
     if (field.units == 0) field.units = static_cast<int>(sum);
     if (!reader->Check(sum > 0 && sum == field.units, "its lattice's weights do not sum to the same")) return {};
     field.count.push_back(static_cast<int32_t>(end - first));
   }
-  if (!reader->Check(field.share.size() == weight.size(), kMismatch)) return {};
+  if (!reader->Check(field.weight.size() == weight.size(), kMismatch)) return {};
   const std::string wrong = field.Finish(static_cast<int>(patches.size()), vertices);
   if (!wrong.empty()) reader->Fail(wrong);
   return field;

@@ -26,7 +26,7 @@ std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size
     std::vector<double> weight(k, 0.0);
     int total = 0;
     for (int e = field.start[node]; e < field.start[node + 1]; e++) {
-      const auto [units, point] = field.share[e];
+      const auto [units, point] = field.weight[e];
       if (!in_rows[point]) continue;
       weight[point] = units;
       total += units;
@@ -107,9 +107,9 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
   volume.steps = StepsToPatch(contact.field, number);
   const DistanceField& field = contact.field;
   for (size_t node = 0; node < field.node.size(); node++) {
-    const auto moves = [&](const NodeShare& share) { return volume.in_rows[share.point] != 0; };
-    const NodeShare* share = field.share.data();
-    volume.whole.push_back(std::all_of(share + field.start[node], share + field.start[node + 1], moves));
+    const auto moves = [&](const NodeWeight& weight) { return volume.in_rows[weight.point] != 0; };
+    const NodeWeight* first = field.weight.data();
+    volume.whole.push_back(std::all_of(first + field.start[node], first + field.start[node + 1], moves));
   }
   const std::vector<std::vector<double>> samples = SampleWeights(contact, k, number, volume.in_rows);
   std::vector<double> mean(k, 0.0);

@@ -77,7 +77,7 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
 )
 TYPES = {"i8": "<i1", "i16": "<i2", "i32": "<i4", "f32": "<f4", "f64": "<f8"}  # of arrays
 SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
-LARGEST_SHARE = np.iinfo(np.int16).max - 1  # of a node's weights, before they are rounded
+LARGEST_WEIGHT = np.iinfo(np.int16).max - 1  # of a node of the lattice, in units, before it is rounded
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
 
 
@@ -251,7 +251,7 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     number[[body.contact.patch[patch.spheres[0]] for patch in patches]] = np.arange(len(patches))
     moved = np.zeros((len(field.node), len(body.control.frame)), bool)
     moved[field.weights.nonzero()] = True
-    weights = in_units(field.weights, int(LARGEST_SHARE / np.abs(field.weights.data).max()))
+    weights = in_units(field.weights, int(LARGEST_WEIGHT / np.abs(field.weights.data).max()))
     _, of_set, in_set = np.unique(np.packbits(moved, axis=1), axis=0, return_index=True, return_inverse=True)
     sets = [np.flatnonzero(moved[node]) for node in of_set]
     return {
