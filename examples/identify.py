@@ -34,16 +34,15 @@ FORCE = np.array([0.8, 0.25])  # [N] of the lower and the upper ball, where it i
 DURATION, POKE, STARTS = 1.0, 0.4, (0.05, 0.55)  # [s] of the record, of a poke, and when these start
 NOISE = 2e-5  # [m] of the balls' places
 REACH = np.log(10)  # [-] of a fit: factors from 0.1 to 10
-STEP, ENOUGH = (
-    1e-3,
-    1e-4,
-)  # [-] of the logarithms of factors: for differences, where contacts are rough, and to end with
-BALL = 0.01  # [m] radius
+STEP, ENOUGH = 1e-3, 1e-4  # [-] of the logarithms of factors: for differences, and to end with
+BALL, APART = 0.01, 0.003  # [m] radius, and of its start from the voxels, which the smooth surface leaves by 2 mm
+GIVES = 0.03  # [s] of its contact: with a stiffer one the record jumps as the factors change
 PLACES = SPACING * np.array([HEIGHT / 2, HEIGHT - 2])  # [m] heights at which they push
-SIDE = f'type="slide" axis="1 0 0" damping="0.2"/><geom type="sphere" size="{BALL}" mass="0.02"/></body>'
+SOFT = f'priority="1" solref="{GIVES} 1"'
+SIDE = f'type="slide" axis="1 0 0" damping="0.2"/><geom type="sphere" size="{BALL}" mass="0.02" {SOFT}/></body>'
 SCENE = f"""<mujoco><option gravity="0 0 0" timestep="0.004"/><worldbody>
-<body pos="{-BALL} {SPACING * WIDTH / 2} {PLACES[0]}"><joint name="lower" {SIDE}
-<body pos="{-BALL} {SPACING * WIDTH / 2} {PLACES[1]}"><joint name="upper" {SIDE}
+<body pos="{-BALL - APART} {SPACING * WIDTH / 2} {PLACES[0]}"><joint name="lower" {SIDE}
+<body pos="{-BALL - APART} {SPACING * WIDTH / 2} {PLACES[1]}"><joint name="upper" {SIDE}
 </worldbody><actuator><motor joint="lower"/><motor joint="upper"/></actuator>
 <sensor><jointpos name="low" joint="lower"/><jointpos name="high" joint="upper"/></sensor></mujoco>"""
 
