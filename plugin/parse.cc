@@ -343,6 +343,7 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
       const int32_t units = weight[field.weight.size()];
       const bool fits = units >= -INT16_MAX && units <= INT16_MAX && points <= UINT16_MAX;
       if (!reader->Check(fits && point[e] >= 0 && point[e] < points, kMismatch)) return {};
+      if (!reader->Check(units != 0, "a weight of its lattice is zero")) return {};
       field.weight.push_back({static_cast<int16_t>(units), static_cast<uint16_t>(point[e])});
       sum += units;
     }

@@ -249,9 +249,8 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     field = body.distance_field
     number = np.empty(len(patches), int)  # of each patch of the body among those of the model
     number[[body.contact.patch[patch.spheres[0]] for patch in patches]] = np.arange(len(patches))
-    moved = np.zeros((len(field.node), len(body.control.frame)), bool)
-    moved[field.weights.nonzero()] = True
     weights = in_units(field.weights, int(LARGEST_WEIGHT / np.abs(field.weights.data).max()))
+    moved = weights.toarray() != 0
     _, of_set, in_set = np.unique(np.packbits(moved, axis=1), axis=0, return_index=True, return_inverse=True)
     sets = [np.flatnonzero(moved[node]) for node in of_set]
     return {

@@ -81,8 +81,14 @@ DAMAGED = {
     "other lattice weights": (
         "lattice_weight",
         r"(i16:\d+:).{8}",
-        r"\g<3>AAAAAAAA",
+        r"\g<3>AQABAAEA",
         "its lattice's weights do not sum to the same",
+    ),
+    "a zero among lattice weights": (
+        "lattice_weight",
+        r"(i16:\d+:).{8}",
+        r"\g<3>AAAAAAAA",
+        "a weight of its lattice is zero",
     ),
     "unknown sets": ("set_size", r"[^\"]*", encode([1]), "its lattice arrays do not match each other"),
     "patch points": (
