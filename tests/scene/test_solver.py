@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 import pytest
 from builders.scenes import FLOOR, compiled, lump
 
+from mjframes.scene.attach import attach
 from mjframes.scene.scene_file import standalone_scene
-from mjframes.scene.solver import FEW, advice, choose_solver
+from mjframes.scene.solver import FEW, MANY, advice, choose_solver
 
 
 def chain(count: int) -> mujoco.MjSpec:
@@ -47,6 +49,38 @@ def test_a_written_scene_has_it() -> None:
     assert model.nv < FEW
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
     assert not mujoco.mj_isSparse(model)
+
+
+CLOTH = """<mujoco><worldbody><flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" radius=".01"/>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("geoms", "trees"), [(MANY, False), (MANY + 1, True)])
+def test_trees_of_boxes_are_for_bodies_of_many_geoms(geoms: int, trees: bool) -> None:
+    spec = mujoco.MjSpec()
+    for _ in range(geoms):
+        spec.worldbody.add_geom(size=[0.1, 0, 0])
+    spec.worldbody.add_body().add_geom(size=[0.1, 0, 0])
+    attach(spec, lump(), "lump")
+    choose_solver(spec)
+    assert (spec.compile().opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE == 0) == trees
+
+
+def test_trees_of_boxes_are_for_flexes() -> None:
+    spec = mujoco.MjSpec.from_string(CLOTH)
+    choose_solver(spec)
+    assert spec.compile().opt.disableflags == 0
+
+
+def test_contacts_are_the_same_without_trees() -> None:
+    model, data = compiled(FLOOR, (lump(), (0, 0, 0), (1, 0, 0, 0)), (lump(), (0.01, 0, 0.06), (1, 0, 0, 0)))
+    found = []
+    for flags in (0, mujoco.mjtDisableBit.mjDSBL_MIDPHASE):
+        model.opt.disableflags = flags
+        mujoco.mj_forward(model, data)
+        found.append(np.array(sorted([*contact.geom, contact.dist, *contact.pos] for contact in data.contact)))
+    assert len(found[0]) > 3
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_both_solvers_agree() -> None:
