@@ -134,7 +134,7 @@ def build(arguments: argparse.Namespace) -> int:
     if body.error:
         print(f"error: {body.error}")
     if arguments.into and (faster := advice(model)):
-        print(f"solver: {faster} is made for {model.nv} degrees of freedom")
+        print(f"faster with {faster}")
     return 0
 
 
@@ -262,7 +262,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     print(summary(recording))
     if (faster := advice(model)) and soft_names(model):
-        print(f"solver        {faster} is made for {model.nv} degrees of freedom")
+        print(f"faster with   {faster}")
     return 0
 
 

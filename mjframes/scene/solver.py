@@ -9,10 +9,15 @@ boxes overlap all that is near.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import mujoco
+import numpy as np
 
 FEW = 300  # degrees of freedom up to which dense Newton is faster than sparse conjugate gradients: 1.0 times at 240
 MANY = 16  # geoms of a body up to which leaving out the trees is faster: by 17 % where a steak lies among as many boxes
+PATCH = mujoco.mjtGeom.mjGEOM_SDF  # the type of a soft body's geoms
+MIDPHASE = mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 JOINTS = {  # degrees of freedom of each type
     mujoco.mjtJoint.mjJNT_FREE: 6,
     mujoco.mjtJoint.mjJNT_BALL: 3,
@@ -29,9 +34,9 @@ def choose_solver(spec: mujoco.MjSpec) -> None:
     """
     freedom = sum(JOINTS[mujoco.mjtJoint(joint.type)] for joint in spec.joints)
     spec.option.solver, spec.option.jacobian = _best(freedom)
-    sdf = mujoco.mjtGeom.mjGEOM_SDF  # patches
-    if not spec.flexes and all(sum(geom.type != sdf for geom in body.geoms) <= MANY for body in spec.bodies):
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+    counts = [sum(geom.type != PATCH for geom in body.geoms) for body in spec.bodies]
+    if _has_idle_midphase(len(spec.flexes), counts):
+        spec.option.disableflags |= MIDPHASE
 
 
 def rule() -> str:
@@ -40,14 +45,22 @@ def rule() -> str:
 
 
 def advice(model: mujoco.MjModel) -> str:
-    """Return the attributes of <option> that would make a scene faster, "" where it has them."""
+    """Return the <option> that would make a scene faster, "" where it has all of it."""
     solver, jacobian = _best(model.nv)
-    is_dense = not mujoco.mj_isSparse(model)
-    if model.opt.solver == solver and is_dense == (model.nv <= FEW):
-        return ""
     names = {mujoco.mjtSolver.mjSOL_NEWTON: "Newton", mujoco.mjtSolver.mjSOL_CG: "CG"}
     form = "dense" if jacobian == mujoco.mjtJacobian.mjJAC_DENSE else "sparse"
-    return f'<option solver="{names[solver]}" jacobian="{form}"/>'
+    is_dense = not mujoco.mj_isSparse(model)
+    is_best = model.opt.solver == solver and is_dense == (form == "dense")
+    attributes = "" if is_best else f' solver="{names[solver]}" jacobian="{form}"'
+    counts = np.bincount(model.geom_bodyid[model.geom_type != PATCH], minlength=1)
+    if _has_idle_midphase(model.nflex, counts) and not model.opt.disableflags & MIDPHASE:
+        return f'<option{attributes}><flag midphase="disable"/></option>'
+    return f"<option{attributes}/>" if attributes else ""
+
+
+def _has_idle_midphase(flexes: int, counts: Iterable[int]) -> bool:
+    """Whether trees of boxes only cost: of how many flexes there are, and how many geoms but patches a body has."""
+    return not flexes and max(counts) <= MANY
 
 
 def _best(freedom: int) -> tuple[mujoco.mjtSolver, mujoco.mjtJacobian]:

@@ -37,10 +37,14 @@ def test_the_choice_is_by_degrees_of_freedom(count: int, solver: str, sparse: bo
 
 
 def test_advice_is_what_would_be_chosen() -> None:
+    midphase = '<flag midphase="disable"/>'
     model = chain(FEW + 100).compile()
-    assert advice(model) == '<option solver="CG" jacobian="sparse"/>'
+    assert advice(model) == f'<option solver="CG" jacobian="sparse">{midphase}</option>'
     model = chain(100).compile()  # MuJoCo's automatic choice is a sparse one from 60 on
+    assert advice(model) == f'<option solver="Newton" jacobian="dense">{midphase}</option>'
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     assert advice(model) == '<option solver="Newton" jacobian="dense"/>'
+    assert advice(chain(30).compile()) == f"<option>{midphase}</option>"
 
 
 def test_a_written_scene_has_it() -> None:
@@ -62,14 +66,19 @@ def test_trees_of_boxes_are_for_bodies_of_many_geoms(geoms: int, trees: bool) ->
         spec.worldbody.add_geom(size=[0.1, 0, 0])
     spec.worldbody.add_body().add_geom(size=[0.1, 0, 0])
     attach(spec, lump(), "lump")
+    assert ("midphase" in advice(spec.compile())) != trees
     choose_solver(spec)
-    assert (spec.compile().opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE == 0) == trees
+    model = spec.compile()
+    assert (model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MIDPHASE == 0) == trees
+    assert advice(model) == ""
 
 
 def test_trees_of_boxes_are_for_flexes() -> None:
     spec = mujoco.MjSpec.from_string(CLOTH)
     choose_solver(spec)
-    assert spec.compile().opt.disableflags == 0
+    model = spec.compile()
+    assert model.opt.disableflags == 0
+    assert advice(model) == ""
 
 
 def test_contacts_are_the_same_without_trees() -> None:
