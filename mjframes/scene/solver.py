@@ -9,15 +9,14 @@ boxes overlap all that is near.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import mujoco
-import numpy as np
 
 FEW = 300  # degrees of freedom up to which dense Newton is faster than sparse conjugate gradients: 1.0 times at 240
 MANY = 16  # geoms of a body up to which leaving out the trees is faster: by 17 % where a steak lies among as many boxes
-PATCH = mujoco.mjtGeom.mjGEOM_SDF  # the type of a soft body's geoms
-MIDPHASE = mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+PATCH = mujoco.mjtGeom.mjGEOM_SDF  # the type of a soft body's geoms, of which no other body has many
+MIDPHASE, CONTACT = mujoco.mjtDisableBit.mjDSBL_MIDPHASE, mujoco.mjtDisableBit.mjDSBL_CONTACT
 JOINTS = {  # degrees of freedom of each type
     mujoco.mjtJoint.mjJNT_FREE: 6,
     mujoco.mjtJoint.mjJNT_BALL: 3,
@@ -29,13 +28,13 @@ JOINTS = {  # degrees of freedom of each type
 def choose_solver(spec: mujoco.MjSpec) -> None:
     """Set the solver of a spec and the form of its Jacobians by how many degrees of freedom it has now.
 
-    Disable MuJoCo's midphase, too, where it has no flexes and no body has many geoms, patches of soft bodies apart.
+    Disable MuJoCo's midphase, too, where there are no flexes and no body has many geoms, patches of soft bodies apart.
     Call it when everything is attached.
     """
     freedom = sum(JOINTS[mujoco.mjtJoint(joint.type)] for joint in spec.joints)
     spec.option.solver, spec.option.jacobian = _best(freedom)
-    counts = [sum(geom.type != PATCH for geom in body.geoms) for body in spec.bodies]
-    if _has_idle_midphase(len(spec.flexes), counts):
+    kinds = [[geom.type for geom in body.geoms if geom.contype or geom.conaffinity] for body in spec.bodies]
+    if _has_idle_midphase(len(spec.flexes), kinds):
         spec.option.disableflags |= MIDPHASE
 
 
@@ -52,15 +51,20 @@ def advice(model: mujoco.MjModel) -> str:
     is_dense = not mujoco.mj_isSparse(model)
     is_best = model.opt.solver == solver and is_dense == (form == "dense")
     attributes = "" if is_best else f' solver="{names[solver]}" jacobian="{form}"'
-    counts = np.bincount(model.geom_bodyid[model.geom_type != PATCH], minlength=1)
-    if _has_idle_midphase(model.nflex, counts) and not model.opt.disableflags & MIDPHASE:
+    touching = (model.geom_contype | model.geom_conaffinity) != 0
+    kinds = [model.geom_type[touching & (model.geom_bodyid == body)].tolist() for body in range(model.nbody)]
+    if _has_idle_midphase(model.nflex, kinds) and not model.opt.disableflags & (MIDPHASE | CONTACT):
         return f'<option{attributes}><flag midphase="disable"/></option>'
     return f"<option{attributes}/>" if attributes else ""
 
 
-def _has_idle_midphase(flexes: int, counts: Iterable[int]) -> bool:
-    """Whether trees of boxes only cost: of how many flexes there are, and how many geoms but patches a body has."""
-    return not flexes and max(counts) <= MANY
+def _has_idle_midphase(flexes: int, kinds: Sequence[Sequence[int]]) -> bool:
+    """Whether trees of boxes only cost: of how many flexes there are, and of what type each body's touching geoms are.
+
+    A body of one such geom has no tree.
+    """
+    own = [sum(kind != PATCH for kind in of_body) for of_body in kinds]
+    return not flexes and max(map(len, kinds)) > 1 and max(own) <= MANY
 
 
 def _best(freedom: int) -> tuple[mujoco.mjtSolver, mujoco.mjtJacobian]:

@@ -37,14 +37,22 @@ def test_the_choice_is_by_degrees_of_freedom(count: int, solver: str, sparse: bo
 
 
 def test_advice_is_what_would_be_chosen() -> None:
-    midphase = '<flag midphase="disable"/>'
-    model = chain(FEW + 100).compile()
-    assert advice(model) == f'<option solver="CG" jacobian="sparse">{midphase}</option>'
-    model = chain(100).compile()  # MuJoCo's automatic choice is a sparse one from 60 on
-    assert advice(model) == f'<option solver="Newton" jacobian="dense">{midphase}</option>'
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
+    assert advice(chain(FEW + 100).compile()) == '<option solver="CG" jacobian="sparse"/>'
+    spec = chain(100)  # MuJoCo's automatic choice is a sparse one from 60 on
+    assert advice(spec.compile()) == '<option solver="Newton" jacobian="dense"/>'
+    assert advice(chain(30).compile()) == ""
+    for _ in range(2):
+        spec.worldbody.add_geom(size=[0.1, 0, 0])
+    model = spec.compile()
+    assert advice(model) == '<option solver="Newton" jacobian="dense"><flag midphase="disable"/></option>'
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    assert advice(spec.compile()) == '<option solver="Newton" jacobian="dense"/>'
+    model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT
     assert advice(model) == '<option solver="Newton" jacobian="dense"/>'
-    assert advice(chain(30).compile()) == f"<option>{midphase}</option>"
+    model.opt.disableflags = 0
+    model.opt.solver, model.opt.jacobian = mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtJacobian.mjJAC_DENSE
+    assert advice(model) == '<option><flag midphase="disable"/></option>'
 
 
 def test_a_written_scene_has_it() -> None:
@@ -64,6 +72,7 @@ def test_trees_of_boxes_are_for_bodies_of_many_geoms(geoms: int, trees: bool) ->
     spec = mujoco.MjSpec()
     for _ in range(geoms):
         spec.worldbody.add_geom(size=[0.1, 0, 0])
+        spec.worldbody.add_geom(size=[0.1, 0, 0], contype=0, conaffinity=0)  # seen only
     spec.worldbody.add_body().add_geom(size=[0.1, 0, 0])
     attach(spec, lump(), "lump")
     assert ("midphase" in advice(spec.compile())) != trees
@@ -83,9 +92,11 @@ def test_trees_of_boxes_are_for_flexes() -> None:
 
 def test_contacts_are_the_same_without_trees() -> None:
     model, data = compiled(FLOOR, (lump(), (0, 0, 0), (1, 0, 0, 0)), (lump(), (0.01, 0, 0.06), (1, 0, 0, 0)))
-    found = []
+    start, found = data.qpos.copy(), []
     for flags in (0, mujoco.mjtDisableBit.mjDSBL_MIDPHASE):
         model.opt.disableflags = flags
+        data = mujoco.MjData(model)  # nothing kept from before
+        data.qpos = start
         mujoco.mj_forward(model, data)
         found.append(np.array(sorted([*contact.geom, contact.dist, *contact.pos] for contact in data.contact)))
     assert len(found[0]) > 3
