@@ -48,7 +48,7 @@ DeformedNode DeformedNode::Create(const DistanceField& field, const uint8_t* in_
     units += part;
     sum = sum + static_cast<double>(part) * x[j];
   }
-  const double total = static_cast<double>(units) / field.units;
+  const double total = static_cast<double>(units) / field.units[number];
   const Vec3 mean = total < kLeastInRows ? Vec3{} : (1.0 / units) * sum;
   return {{mean[0], mean[1], mean[2], total}};
 }

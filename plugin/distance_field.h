@@ -30,8 +30,8 @@ struct DistanceField {
   std::vector<double> distance;    // φ, negative inside [m]                       (n)
   std::vector<int32_t> patch;      // whose contact vertices are nearest           (n)
   std::vector<int32_t> count;      // control points that move each node           (n)
+  std::vector<int32_t> units;      // that a weight of 1 has there                 (n)
   std::vector<NodeWeight> weight;  // W_j(n) in units                            (Σ count)
-  int units = 0;                   // that a node has
   std::vector<double> vertex;      // ξ of the contact vertices, patch after patch (3 × vertices)
 
   // Derived.

@@ -14,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "5";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "6";  // of the attributes; a model written by another version is refused
 
 // The control points of each region, and the pairs that their blocks belong to.
 struct Coupling {
@@ -332,24 +332,33 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   if (!reader->ok()) return {};
   constexpr char kMismatch[] = "its lattice arrays do not match each other";
   std::vector<size_t> start(1, 0);
-  for (const int32_t points_of_set : size) start.push_back(start.back() + std::max(points_of_set, 0));
-  if (!reader->Check(start.back() == point.size(), kMismatch)) return {};
+  for (const int32_t points_of_set : size) {
+    const size_t first = start.back(), end = first + std::max(points_of_set, 0);
+    if (!reader->Check(end <= point.size(), kMismatch)) return {};
+    for (size_t e = first; e < end; e++) {
+      const bool in_order = point[e] > (e > first ? point[e - 1] : -1) && point[e] < points;
+      if (!reader->Check(in_order, "a set of its lattice has control points twice, unordered or not of the body")) {
+        return {};
+      }
+    }
+    start.push_back(end);
+  }
+  if (!reader->Check(start.back() == point.size() && points <= UINT16_MAX, kMismatch)) return {};
   for (const int32_t some : set) {
     if (!reader->Check(some >= 0 && some < static_cast<int32_t>(size.size()), kMismatch)) return {};
     const size_t first = start[some], end = start[some + 1];
     if (!reader->Check(field.weight.size() + end - first <= weight.size(), kMismatch)) return {};
-    int64_t sum = 0;
+    int64_t sum = 0;  // at most UINT16_MAX × INT16_MAX, an int
     for (size_t e = first; e < end; e++) {
       const int32_t units = weight[field.weight.size()];
-      const bool fits = units >= -INT16_MAX && units <= INT16_MAX && points <= UINT16_MAX;
-      if (!reader->Check(fits && point[e] >= 0 && point[e] < points, kMismatch)) return {};
-      if (!reader->Check(units != 0, "a weight of its lattice is zero")) return {};
+      const bool fits = units >= -INT16_MAX && units <= INT16_MAX && units != 0;
+      if (!reader->Check(fits, "a weight of its lattice is zero or has more than 16 bits")) return {};
       field.weight.push_back({static_cast<int16_t>(units), static_cast<uint16_t>(point[e])});
       sum += units;
     }
-    if (field.units == 0) field.units = static_cast<int>(sum);
-    if (!reader->Check(sum > 0 && sum == field.units, "its lattice's weights do not sum to the same")) return {};
+    if (!reader->Check(sum > 0, "the weights of a node of its lattice have no positive sum")) return {};
     field.count.push_back(static_cast<int32_t>(end - first));
+    field.units.push_back(static_cast<int32_t>(sum));
   }
   if (!reader->Check(field.weight.size() == weight.size(), kMismatch)) return {};
   const std::string wrong = field.Finish(static_cast<int>(patches.size()), vertices);

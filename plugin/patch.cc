@@ -31,7 +31,7 @@ std::vector<std::vector<double>> SampleWeights(const ContactModel& contact, size
       weight[point] = units;
       total += units;
     }
-    if (total < kLeastInRows * field.units) continue;
+    if (total < kLeastInRows * field.units[node]) continue;
     for (double& w : weight) w /= total;
     samples.push_back(std::move(weight));
   }

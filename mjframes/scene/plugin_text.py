@@ -249,8 +249,9 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     field = body.distance_field
     number = np.empty(len(patches), int)  # of each patch of the body among those of the model
     number[[body.contact.patch[patch.spheres[0]] for patch in patches]] = np.arange(len(patches))
-    weights = in_units(field.weights, int(LARGEST_WEIGHT / np.abs(field.weights.data).max()))
-    moved = weights.toarray() != 0
+    largest = np.abs(field.weights.toarray()).max(axis=1)
+    weights = in_units(field.weights, LARGEST_WEIGHT // largest).toarray()
+    moved = weights != 0
     _, of_set, in_set = np.unique(np.packbits(moved, axis=1), axis=0, return_index=True, return_inverse=True)
     sets = [np.flatnonzero(moved[node]) for node in of_set]
     return {
@@ -264,7 +265,7 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
         "lattice_set": encode(in_set),
         "set_size": encode([len(points) for points in sets]),
         "set_point": encode(np.concatenate(sets)),
-        "lattice_weight": encode(weights.toarray()[moved]),
+        "lattice_weight": encode(weights[moved]),
         "lattice_sphere": encode(np.concatenate([field.spheres[patch.spheres] for patch in patches], dtype=np.float32)),
     }
 

@@ -1,4 +1,4 @@
-"""Weights in whole units, of which every row has as many: Σ_j u_ij = u for Σ_j W_ij = 1, |u_ij − u W_ij| ≤ 1."""
+"""Weights in whole units: Σ_j u_ij = u_i for Σ_j W_ij = 1, |u_ij − u_i W_ij| ≤ 1."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 from scipy import sparse
 
 
-def in_units(weights: sparse.csr_array, units: int) -> sparse.csr_array:
-    """Return rows (n, k) that sum to 1 as whole numbers that sum to `units`.
+def in_units(weights: sparse.csr_array, units: int | np.ndarray) -> sparse.csr_array:
+    """Return rows (n, k) that sum to 1 as whole numbers that sum to `units`, of all rows or each (n,).
 
     They are differences of a row's rounded running sum. Entries that become 0 stay.
     """
@@ -15,6 +15,6 @@ def in_units(weights: sparse.csr_array, units: int) -> sparse.csr_array:
     running = np.cumsum(weights.data)
     running -= np.repeat((running - weights.data)[first], np.diff(weights.indptr))
     running[last] = 1
-    whole = np.round(running * units)
+    whole = np.round(running * np.repeat(np.broadcast_to(units, len(first)), np.diff(weights.indptr)))
     whole[1:] -= np.where(np.isin(np.arange(1, len(whole)), first), 0, whole[:-1])
     return sparse.csr_array((whole.astype(np.int64), weights.indices, weights.indptr), weights.shape)

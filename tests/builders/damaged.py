@@ -29,7 +29,7 @@ def edited(key: str, pattern: str, replacement: str) -> str:
 
 
 DAMAGED = {
-    "another version": ("version", "5", "99", "its data has version '99', this plugin reads version 5"),
+    "another version": ("version", "6", "99", "its data has version '99', this plugin reads version 6"),
     "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
     "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
     "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
@@ -78,19 +78,39 @@ DAMAGED = {
     "fewer patches": ("patch_size", r"[^\"]*", encode([4]), "its patch geoms do not match its patches"),
     "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 16), "its patch arrays do not match each other"),
     "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 64), "a cluster of a patch has no valid size"),
-    "other lattice weights": (
+    "negative lattice weights": (
         "lattice_weight",
-        r"(i16:\d+:).{8}",
-        r"\g<3>AQABAAEA",
-        "its lattice's weights do not sum to the same",
+        r"(i16:\d+:).{48}",
+        r"\g<3>" + "AYAB" * 12,
+        "the weights of a node of its lattice have no positive sum",
     ),
     "a zero among lattice weights": (
         "lattice_weight",
         r"(i16:\d+:).{8}",
         r"\g<3>AAAAAAAA",
-        "a weight of its lattice is zero",
+        "a weight of its lattice is zero or has more than 16 bits",
+    ),
+    "large lattice weights": (
+        "lattice_weight",
+        r"[^\"]*",
+        encode(np.full(10000, 40000)),
+        "a weight of its lattice is zero or has more than 16 bits",
+    ),
+    "few lattice weights": ("lattice_weight", r"[^\"]*", encode([1]), "its lattice arrays do not match each other"),
+    "many lattice weights": (
+        "lattice_weight",
+        r"[^\"]*",
+        encode(np.ones(10**5, int)),
+        "its lattice arrays do not match each other",
     ),
     "unknown sets": ("set_size", r"[^\"]*", encode([1]), "its lattice arrays do not match each other"),
+    "points twice in sets": (
+        "set_point",
+        r"(i8:\d+:).{4}",
+        r"\g<3>AAAA",
+        "a set of its lattice has control points twice",
+    ),
+    "other points in sets": ("set_point", r"(i8:\d+:).{4}", r"\g<3>YmNk", "or not of the body"),
     "patch points": (
         "patch_point",
         r"[^\"]*",

@@ -9,11 +9,21 @@ from mjframes.scene.plugin_text import decode
 from mjframes.scene.view import Soft
 
 
+def lattice_weights(view: Soft) -> np.ndarray:
+    """W (n, k) of the control points at the nodes, as the plugin has them."""
+    size, point, of_node = (decode(view.configuration[key]) for key in ("set_size", "set_point", "lattice_set"))
+    sets = np.split(point, np.cumsum(size)[:-1])
+    weights = np.zeros((len(of_node), len(view.bodies)))
+    rows = np.repeat(np.arange(len(of_node)), size[of_node])
+    weights[rows, np.concatenate([sets[some] for some in of_node])] = decode(view.configuration["lattice_weight"])
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
 class Deformed:
     """Those parts of a soft body that contact rows of the patch on MuJoCo's body `owner` can move."""
 
     def __init__(self, model: mujoco.MjModel, view: Soft, owner: int) -> None:
-        get = {key: decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "distance", "set")}
+        get = {key: decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "distance")}
         self.spacing = float(view.configuration["lattice_spacing"])
         self.shape, self.distance = get["shape"].astype(int), get["distance"]
         self.place = np.full(self.shape.prod(), -1)
@@ -23,13 +33,7 @@ class Deformed:
             owner = int(model.body_parentid[owner])
             path.add(owner)
         held = np.isin(view.bodies, list(path)) | (model.body_jntnum[view.bodies] == 0)
-        weights = np.zeros((len(get["node"]), len(view.bodies)))
-        size, point = (decode(view.configuration[f"set_{key}"]) for key in ("size", "point"))
-        sets = np.split(point, np.cumsum(size)[:-1])
-        rows = np.repeat(np.arange(len(get["node"])), size[get["set"]])
-        columns = np.concatenate([sets[some] for some in get["set"]])
-        weights[rows, columns] = decode(view.configuration["lattice_weight"])
-        weights *= held
+        weights = lattice_weights(view) * held
         self.weights_of_nodes = weights / np.maximum(weights.sum(axis=1), 1e-9)[:, None]
         self.nodes = self.weights_of_nodes @ view.control_positions
         self.held = weights.sum(axis=1) > 0.5

@@ -1,0 +1,48 @@
+"""The lattice below the contact surface: weights of 16 bits that leave bodies as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from builders.deformed import lattice_weights
+from scipy.ndimage import map_coordinates
+
+from mjframes.body.build import build
+from mjframes.scene.attach import attach
+from mjframes.scene.plugin_text import decode
+from mjframes.scene.view import soft
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+STEAK = Path(__file__).parents[2] / "models" / "steak.npz"
+
+
+def steak() -> Volume:
+    return Volume.load(STEAK)
+
+
+def sheet() -> Volume:
+    return Volume.from_labels(np.ones((40, 40, 2), int), 0.01, {1: Material(1e5, 0.3, 1000)})
+
+
+@pytest.mark.parametrize(
+    ("volume", "frames", "kind"), [(steak, 3, "affine"), (steak, 10, "affine"), (sheet, 4, "quadratic")]
+)
+def test_rounded_weights_leave_the_surface_where_it_is(volume: Callable[[], Volume], frames: int, kind: str) -> None:
+    body = build(volume(), frames, frame_type=kind)
+    spec = mujoco.MjSpec()
+    attach(spec, body, "soft")
+    model = spec.compile()
+    view = soft(model, mujoco.MjData(model), "soft")
+    shape, node, xi = (decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "sphere"))
+    error = np.zeros((*shape, 3))
+    exact = body.distance_field.weights @ body.control.rest
+    error.reshape(-1, 3)[node] = lattice_weights(view) @ body.control.rest - exact
+    of_vertices = [map_coordinates(error[..., c], xi.reshape(-1, 3).T, order=1) for c in range(3)]
+    size = np.ptp(body.contact.centers, axis=0).max()
+    # a sheet's outer nodes have weights of 28 and so errors of 1000 times as much, those below the surface of 1
+    assert np.linalg.norm(of_vertices, axis=0).max() < size / 2**15
