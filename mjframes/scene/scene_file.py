@@ -122,7 +122,7 @@ def write_scene(spec: mujoco.MjSpec, path: Path) -> None:
 def _shorten(skin: ElementTree.Element) -> None:
     """Write a skin's numbers, most of a scene's, in fewer letters: .5 for 0.5, and whole units for rounded weights.
 
-    MuJoCo takes the weights of a vertex relative to their sum.
+    MuJoCo takes the weights of a vertex relative to their sum. Weights of few letters stay as they are.
     """
     for key in ("vertex", "texcoord"):
         if key in skin.attrib:
@@ -130,8 +130,10 @@ def _shorten(skin: ElementTree.Element) -> None:
     bones = skin.findall("bone")
     units = [WEIGHT_UNITS * np.array(bone.attrib["vertweight"].split(), float) for bone in bones]
     if all(np.allclose(some, np.round(some), rtol=0, atol=1e-6 * WEIGHT_UNITS) for some in units):
-        for bone, some in zip(bones, units, strict=True):
-            bone.set("vertweight", " ".join(map(str, np.round(some).astype(int).tolist())))
+        whole = [" ".join(map(str, np.round(some).astype(int).tolist())) for some in units]
+        if sum(map(len, whole)) < sum(len(bone.attrib["vertweight"]) for bone in bones):
+            for bone, weights in zip(bones, whole, strict=True):
+                bone.set("vertweight", weights)
 
 
 def _places(address: np.ndarray, size: int, chosen: Sequence[bool]) -> np.ndarray:

@@ -23,6 +23,8 @@ UNEVEN = """<mujoco><worldbody><body name="a"><freejoint/><geom size=".1"/></bod
 <skin name="own" vertex="0 0 0 0.5 -0.25 10.5 0 1e-05 0" face="0 1 2">
 <bone body="a" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="0.123456 0.2 1.5"/>
 <bone body="b" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="0.876544 0.8 -0.5"/></skin>
+<skin name="whole" vertex="0 0 0 1 0 0 0 1 0" face="0 1 2">
+<bone body="a" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/></skin>
 </deformable></mujoco>"""
 
 
@@ -40,7 +42,9 @@ def test_the_steak_takes_less_than_a_megabyte(tmp_path: Path) -> None:
     assert (tmp_path / "steak.xml").stat().st_size < 1e6 < len(spec.to_xml())
     for name in SKINS:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=0, atol=3e-7)
-    assert re.search(r' vertweight="-?[1-9]', (tmp_path / "steak.xml").read_text())
+    of_bones = re.findall(r' vertweight="([^"]*)"', (tmp_path / "steak.xml").read_text())
+    assert len(of_bones) >= 3
+    assert all(re.fullmatch(r"-?\d+( -?\d+)*", weights) for weights in of_bones)
 
 
 def test_numbers_of_other_skins_stay_what_they_are(tmp_path: Path) -> None:
@@ -52,6 +56,7 @@ def test_numbers_of_other_skins_stay_what_they_are(tmp_path: Path) -> None:
     own = (tmp_path / "scene.xml").read_text().partition('<skin name="own"')[2]
     assert 'vertex="0 0 0 .5 -.25 10.5 0 1e-05 0"' in own
     assert 'vertweight="0.123456 0.2 1.5"' in own
+    assert 'vertweight="1 1 1"' in own
 
 
 def test_units_of_a_row_are_as_many_as_there_are() -> None:
