@@ -178,9 +178,9 @@ def test_soft_rigid_frames_that_spin_up_return_with_implicit() -> None:
     )
     # what becomes of what spun up, rounding decides: it is lost, rests turned inside out or returns
     assert spun.evidence.spun > 0
-    assert spun.gain > 50
+    assert spun.gain > 50  # 91, and more the longer it runs: what turns too fast for Euler gains in each step
     assert returns.recovers
-    assert returns.gain < 2
+    assert returns.gain < 2  # 1.3: the implicit step of rigid frames leaves out how their axes turn
 
 
 def test_what_rests_turned_inside_out_between_its_points_is_told() -> None:
