@@ -189,15 +189,18 @@ def test_a_cloth_acts_at_its_contact_point(turning: bool, cone: str, jacobian: s
 
 
 def test_a_cloth_comes_to_rest_on_a_slab() -> None:
+    """MuJoCo's cloth trembles: in single steps the slab bears its weight to within 15 %, over many exactly that."""
     xml = CLOTH.format(cone="pyramidal", jacobian="auto", gravity=-9.81, dim=2, layers=1, contact="")
     model, data = compiled(xml, (slab(), (0, 0, 0), STRAIGHT))
-    for _ in range(300):
+    view, borne = soft(model, data, "soft0"), []
+    for _ in range(400):
         mujoco.mj_step(model, data)
+        borne.append(-view.patch_forces[:, 2].sum())
     height = data.flexvert_xpos[:, 2]
     assert np.abs(height - 0.05).max() < 0.006
     assert not data.warning.number.any()
     weight = 9.81 * model.body_mass[model.flex_vertbodyid].sum()
-    assert soft(model, data, "soft0").patch_forces[:, 2].sum() == pytest.approx(-weight, rel=0.05)
+    assert np.mean(borne[200:]) == pytest.approx(weight, rel=0.01)
 
 
 def test_flexes_that_cannot_touch_are_refused() -> None:
