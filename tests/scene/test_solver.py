@@ -9,7 +9,7 @@ from builders.scenes import FLOOR, compiled, lump
 
 from mjframes.scene.attach import attach
 from mjframes.scene.scene_file import standalone_scene
-from mjframes.scene.solver import FEW, MANY, advice, choose_solver
+from mjframes.scene.solver import FEW, MANY, MANY_MOVING, advice, choose_solver
 
 
 def chain(count: int) -> mujoco.MjSpec:
@@ -67,13 +67,20 @@ CLOTH = """<mujoco><worldbody><flexcomp name="cloth" type="grid" count="3 3 1" s
 </worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize(("geoms", "trees"), [(MANY, False), (MANY + 1, True)])
-def test_trees_of_boxes_are_for_bodies_of_many_geoms(geoms: int, trees: bool) -> None:
+@pytest.mark.parametrize(
+    ("moves", "geoms", "trees"),
+    [(False, MANY, False), (False, MANY + 1, True), (True, MANY_MOVING, False), (True, MANY_MOVING + 1, True)],
+)
+def test_trees_of_boxes_are_for_bodies_of_many_geoms(moves: bool, geoms: int, trees: bool) -> None:
     spec = mujoco.MjSpec()
+    inner = spec.worldbody.add_frame(pos=[0, 0, 1]).attach_body(mujoco.MjSpec().worldbody.add_body(), "inner-", "")
+    if moves:
+        inner.add_joint()
+    body = inner.add_body(pos=[0, 0, 1])
     for _ in range(geoms):
-        spec.worldbody.add_geom(size=[0.1, 0, 0])
-        spec.worldbody.add_geom(size=[0.1, 0, 0], contype=0, conaffinity=0)  # seen only
-    spec.worldbody.add_body().add_geom(size=[0.1, 0, 0])
+        body.add_geom(size=[0.1, 0, 0])
+        body.add_geom(size=[0.1, 0, 0], contype=0, conaffinity=0)  # seen only
+    body.add_body().add_geom(size=[0.1, 0, 0])
     attach(spec, lump(), "lump")
     assert ("midphase" in advice(spec.compile())) != trees
     choose_solver(spec)
