@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.errors import MjframesError
 from mjframes.base.rigid import motion_basis, rigid_motions
 from mjframes.finite_elements.batch import Progress
 from mjframes.finite_elements.element import CORNERS
@@ -79,6 +80,7 @@ def superelement(
     progress, groups: see `respond`.
     """
     functionals, gram = moments(grid, weights, control, solver)
+    _refuse_thin(gram, control, types, held)
     moving = np.flatnonzero(control.frame >= held)
     rest = control.rest @ grid.axes
     forces = sparse.csr_array(functionals[:, moving])
@@ -149,6 +151,21 @@ def moments(
         functionals = functionals + gather @ inner
         gram += (inner.T @ outer).toarray()
     return sparse.csr_array(functionals), gram
+
+
+def _refuse_thin(gram: Array, control: ControlPoints, types: Sequence[str], held: int) -> None:
+    """Raise MjframesError where a quadratic frame has a motion that no moment of the body sees: nothing resists it."""
+    for i, kind in enumerate(types):
+        if kind != "quadratic" or i < held:
+            continue
+        own = gram[np.ix_(control.frame == i, control.frame == i)]
+        value, _ = scaled_eigenvectors((own + own.T) / 2)
+        if value[0] < DEPENDENT * value[-1]:
+            place = ", ".join(f"{c:.3g}" for c in control.rest[control.frame == i].mean(axis=0))
+            raise MjframesError(
+                f"a quadratic frame, near ({place}) m, has one voxel of the body across, which shows no bend: "
+                "give frame_type='affine', or a volume with finer voxels."
+            )
 
 
 def frame_motions(control: ControlPoints, types: Sequence[str], rest: Array, held: int, first: int = 0) -> Array:

@@ -139,6 +139,14 @@ def test_to_strain_a_rigid_frame_costs_as_much_as_to_move_it() -> None:
         assert np.linalg.eigvalsh(strain.T @ own @ strain)[0] > 0.1 * np.trace(motion.T @ own @ motion) / 6
 
 
+def test_quadratic_frames_need_more_than_a_voxel() -> None:
+    flap = np.ones((30, 12, 6), int)
+    flap[10:, :, 1:] = 0
+    volume = mf.Volume.from_labels(flap, 0.008, {1: mf.Material(2e5, 0.3, 900)})
+    with pytest.raises(mf.MjframesError, match=r"^a quadratic frame, near \(0\.193, .*\) m, has one voxel of the body"):
+        mf.build(volume, 4, frame_type="quadratic")
+
+
 @pytest.mark.parametrize("held", [0, 2])
 def test_rigid_motions_cost_nothing(held: int) -> None:
     _, frames, element = small(held)
