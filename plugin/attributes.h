@@ -8,12 +8,14 @@
 
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <type_traits>
 #include <vector>
 
 namespace mjframes {
@@ -46,11 +48,23 @@ class Reader {
     return value;
   }
 
+  // A whole number from 1 to `most`.
+  int Count(const char* key, int most) {
+    const double value = Number(key);
+    if (value >= 1 && value <= most && value == std::floor(value)) return static_cast<int>(value);
+    Fail(std::string(key) + " is '" + Text(key) + "' but has to be a whole number from 1 to " + std::to_string(most));
+    return 1;
+  }
+
   template <typename T>
   std::vector<T> Array(const char* key) {
     std::vector<T> out;
     std::string error;
     if (!DecodeArray(Text(key), &out, &error)) Fail(std::string(key) + " " + error);
+    if constexpr (std::is_floating_point_v<T>) {
+      const bool finite = std::all_of(out.begin(), out.end(), [](T value) { return std::isfinite(value); });
+      if (!finite) Fail(std::string(key) + " has values that are not finite");
+    }
     return out;
   }
 

@@ -12,6 +12,8 @@ namespace mjframes {
 // rounding leaves about 1e-15.
 inline constexpr double kSingularShare = 1e-12;
 
+inline constexpr int kMaxMaterials = UINT16_MAX;  // of a body: more than any image has labels
+
 // Elasticity, law `corotational` (corotational.h)
 
 // [-] of e, above which θ is 1: frames turned by less than 66° against their region and nowhere shortened below 0.4.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "constants.h"
 
@@ -22,8 +23,9 @@ std::string DistanceField::Finish(int patches, int vertices) {
   }
   int64_t total = 1;
   for (const int32_t length : shape) total = total > kMaxLatticeNodes ? total : total * length;
-  if (total > kMaxLatticeNodes || !Within(node, total) || !std::is_sorted(node.begin(), node.end())) {
-    return "its lattice's nodes are not in the lattice";
+  const bool ascend = std::adjacent_find(node.begin(), node.end(), std::greater_equal()) == node.end();
+  if (total > kMaxLatticeNodes || !Within(node, total) || !ascend) {
+    return "its lattice's nodes are not in the lattice, in order";
   }
   start.assign(1, 0);
   for (const int32_t entries : count) start.push_back(start.back() + std::max(entries, 0));

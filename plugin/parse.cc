@@ -16,6 +16,8 @@ namespace {
 
 constexpr char kVersion[] = "6";  // of the attributes; a model written by another version is refused
 
+constexpr char kRegionMismatch[] = "its region arrays do not match each other";
+
 // The control points of each region, and the pairs that their blocks belong to.
 struct Coupling {
   std::vector<int32_t> point;  // ancestors first  (m)
@@ -31,7 +33,7 @@ std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>*
   size_t p = 0, block = 0;
   std::vector<Coupling> couplings;
   for (const int32_t m : size) {
-    if (!reader->Check(m > 0 && p + m <= point.size(), "its region arrays do not match each other")) return {};
+    if (!reader->Check(m > 0 && p + m <= point.size(), kRegionMismatch)) return {};
     Coupling coupling;
     coupling.point.assign(point.begin() + p, point.begin() + p + m);
     for (int j = 0; j < m; j++) {
@@ -48,7 +50,7 @@ std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>*
         coupling.pair.push_back(pair);
         mass_difference->resize(kinematics->pairs().size(), 0.0);
         if (difference.empty()) continue;
-        if (!reader->Check(block < difference.size(), "region_mass has too few values")) return {};
+        if (!reader->Check(block < difference.size(), kRegionMismatch)) return {};
         (*mass_difference)[pair] += difference[block++];
       }
     }
@@ -56,6 +58,7 @@ std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>*
     couplings.push_back(std::move(coupling));
   }
   reader->Check(!couplings.empty(), "it has no regions");
+  reader->Check(p == point.size() && block == difference.size(), kRegionMismatch);
   return couplings;
 }
 
@@ -108,6 +111,7 @@ void AddFallback(const FrameGradients& frames, const std::vector<Vec3>& fallback
 
 // Which factor each material follows.  constants: how many the laws have of all of them.
 std::vector<int32_t> ReadFactors(size_t constants, int factors, Reader* reader) {
+  reader->Check(constants % kLawConstants == 0, "law_constants has not as many values for each material");
   std::vector<int32_t> factor = reader->ArrayOr<int32_t>("law_factor", 0, constants / kLawConstants);
   const bool known = std::all_of(factor.begin(), factor.end(), [=](int32_t i) { return i >= 0 && i < factors; });
   return reader->Check(known, "a material has no factor") ? factor : std::vector<int32_t>(factor.size(), 0);
@@ -140,6 +144,7 @@ void ReadCells(Law law, int factors, std::vector<Region>* regions, Reader* reade
                               {slope.begin() + s, slope.begin() + s + length}});
     }
   }
+  reader->Check(first == volume.size() && s == slope.size(), kMismatch);
 }
 
 // Of one frame each, or of the law `corotational`.
@@ -159,7 +164,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
   if (reader->Has("region_fallback")) {
     fallback = reader->Array<double>("region_fallback");
     frames = ReadFrameGradients(points.size(), reader);
-    reader->Check(fallback.size() == gradient.size(), "its region arrays do not match each other");
+    reader->Check(fallback.size() == gradient.size(), kRegionMismatch);
   }
   if (!reader->ok()) return {};
   size_t p = 0, s = 0, t = 0;
@@ -167,10 +172,8 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
   for (const Coupling& coupling : couplings) {
     const int m = static_cast<int>(coupling.point.size());
     const size_t n = 3 * static_cast<size_t>(m);
-    if (!reader->Check(3 * (p + m) <= gradient.size() && s + n * (n + 1) / 2 <= stiffness.size(),
-                       "its region arrays do not match each other")) {
+    if (!reader->Check(3 * (p + m) <= gradient.size() && s + n * (n + 1) / 2 <= stiffness.size(), kRegionMismatch))
       return {};
-    }
     Region region;
     region.law = {};
     region.number = static_cast<int>(regions.size());
@@ -204,31 +207,26 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     p += m;
     regions.push_back(std::move(region));
   }
+  reader->Check(3 * p == gradient.size() && s == stiffness.size() && t == share.size(), kRegionMismatch);
   return regions;
 }
 
 // The other laws, at quadrature points.
 std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& couplings, Law law, int factors,
                                              Reader* reader) {
+  constexpr char kMismatch[] = "its quadrature arrays do not match each other";
   const auto constants = reader->Array<double>("law_constants");
   const auto count = reader->Array<int32_t>("quadrature_count");
   const auto volume = reader->Array<double>("quadrature_volume");
   const auto material = reader->Array<int32_t>("quadrature_material");
   const auto gradient = reader->Array<double>("quadrature_gradient");
   const std::vector<int32_t> factor = ReadFactors(constants.size(), factors, reader);
-  if (!reader->Check(
-          count.size() == couplings.size() && material.size() == volume.size() && constants.size() % kLawConstants == 0,
-          "its quadrature arrays do not match each other")) {
-    return {};
-  }
+  if (!reader->Check(count.size() == couplings.size() && material.size() == volume.size(), kMismatch)) return {};
   size_t first = 0, g = 0;
   std::vector<QuadratureRegion> regions;
   for (size_t e = 0; e < couplings.size(); e++) {
     const size_t q = std::max(count[e], 0), length = 3 * q * couplings[e].point.size();
-    if (!reader->Check(q > 0 && first + q <= volume.size() && g + length <= gradient.size(),
-                       "its quadrature arrays do not match each other")) {
-      return {};
-    }
+    if (!reader->Check(q > 0 && first + q <= volume.size() && g + length <= gradient.size(), kMismatch)) return {};
     std::vector<LawParameters> parameters;
     std::vector<int32_t> follows;
     for (size_t i = first; i < first + q; i++) {
@@ -242,11 +240,13 @@ std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& coupli
     first += q;
     g += length;
   }
+  reader->Check(first == volume.size() && g == gradient.size(), kMismatch);
   return regions;
 }
 
 std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points,
                                Reader* reader) {
+  constexpr char kMismatch[] = "its patch arrays do not match each other";
   std::vector<Patch> patches;
   for (int geom = 0; geom < m->ngeom; geom++) {
     if (SoftInstanceOf(m, geom) != instance) continue;
@@ -272,10 +272,7 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   for (size_t i = 0; i < patches.size(); i++) {
     Patch& patch = patches[i];
     const size_t count = std::max(size[i], 0), groups = std::max(clusters[i], 0);
-    if (!reader->Check(groups > 0 && groups <= kMaxClusters && c + groups <= cluster_size.size(),
-                       "its patch arrays do not match each other")) {
-      return {};
-    }
+    if (!reader->Check(groups > 0 && groups <= kMaxClusters && c + groups <= cluster_size.size(), kMismatch)) return {};
     patch.cluster.assign(cluster_size.begin() + c, cluster_size.begin() + c + groups);
     size_t n = 0;
     for (const int32_t vertices : patch.cluster) {
@@ -284,11 +281,8 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
       }
       n += vertices;
     }
-    if (!reader->Check(
-            count > 0 && n <= kMaxPatchVertices && p + count <= point.size() && w + count * n <= weight.size(),
-            "its patch arrays do not match each other")) {
-      return {};
-    }
+    const bool there = p + count <= point.size() && w + count * n <= weight.size();
+    if (!reader->Check(there && count > 0 && n <= kMaxPatchVertices, kMismatch)) return {};
     patch.vertices = static_cast<int>(n);
     patch.point.assign(point.begin() + p, point.begin() + p + count);
     patch.weight.assign(weight.begin() + w, weight.begin() + w + count * n);
@@ -302,7 +296,7 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
     }
     if (!reader->Check(owned, "a patch is not on the body of one of its control points")) return {};
     if (!offset.empty()) {
-      if (!reader->Check(o + 3 * n <= offset.size(), "patch_offset has too few values")) return {};
+      if (!reader->Check(o + 3 * n <= offset.size(), kMismatch)) return {};
       patch.offset.assign(offset.begin() + o, offset.begin() + o + 3 * n);
     }
     p += count;
@@ -310,6 +304,8 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
     c += groups;
     o += 3 * n;
   }
+  const bool all = p == point.size() && w == weight.size() && c == cluster_size.size();
+  reader->Check(all && (offset.empty() || o == offset.size()), kMismatch);
   return patches;
 }
 
@@ -334,7 +330,7 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   std::vector<size_t> start(1, 0);
   for (const int32_t points_of_set : size) {
     const size_t first = start.back(), end = first + std::max(points_of_set, 0);
-    if (!reader->Check(end <= point.size(), kMismatch)) return {};
+    if (!reader->Check(end > first && end <= point.size(), kMismatch)) return {};
     for (size_t e = first; e < end; e++) {
       const bool in_order = point[e] > (e > first ? point[e - 1] : -1) && point[e] < points;
       if (!reader->Check(in_order, "a set of its lattice has control points twice, unordered or not of the body")) {
@@ -396,7 +392,7 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok()) {
     model->alpha = reader->Number("alpha");
     model->beta = reader->Number("beta");
-    if (reader->Has("materials")) elastic.factors = std::max(1, static_cast<int>(reader->Number("materials")));
+    if (reader->Has("materials")) elastic.factors = reader->Count("materials", kMaxMaterials);
   }
   if (reader->ok()) model->kinematics.Create(m, instance, reader);
   std::vector<Coupling> couplings;
@@ -415,7 +411,7 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   const int patches = static_cast<int>(contact.patches.size());
   if (reader->ok() && patches > 0) {
     contact.radius = reader->Number("contact_radius");
-    contact.has_volume = reader->Has("lattice_spacing");
+    contact.has_volume = reader->Has("lattice_spacing") || reader->Has("lattice_node");
     if (contact.has_volume) contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
     for (int i = 0; reader->ok() && i < patches; i++) {
       PatchVolume& volume = contact.patches[i].volume;

@@ -3,24 +3,41 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from functools import cache
 
 import mujoco
 import numpy as np
 from builders.scenes import FLOOR, beam
 
+from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
-from mjframes.scene.plugin_text import encode
+from mjframes.scene.plugin_text import decode, encode
 
 PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
 
 
 @cache
 def saved_beam() -> str:
+    return saved(beam(beta=0.001))
+
+
+def saved(body: SoftBody) -> str:
     spec = mujoco.MjSpec.from_string(FLOOR)
-    attach(spec, beam(beta=0.001), "soft0", pos=(0, 0, 0.1), quat=PRINTABLE)
+    attach(spec, body, "soft0", pos=(0, 0, 0.1), quat=PRINTABLE)
     spec.compile()
     return spec.to_xml()
+
+
+def wrong_arrays(xml: str) -> Iterator[tuple[str, str]]:
+    """Yield names and scenes in which one array of soft0 has a value more or less, or one that is no number."""
+    for key, value in re.findall(r'key="(\w+)" value="([if]\d+:[1-9][^"]*)"', xml):
+        array = decode(value)
+        yield f"{key} and one more", xml.replace(value, encode(np.append(array, array[-1:])), 1)
+        yield f"{key} but one", xml.replace(value, encode(array[:-1]), 1)
+        if array.dtype.kind == "f":
+            for number in (np.nan, np.inf):
+                yield f"{key} with {number}", xml.replace(value, encode(np.append(array[:-1], number)), 1)
 
 
 def edited(key: str, pattern: str, replacement: str) -> str:
@@ -33,6 +50,13 @@ DAMAGED = {
     "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
     "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
     "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
+    "no materials": ("materials", "3", "0", "materials is '0' but has to be a whole number from 1 to 65535"),
+    "too many materials": (
+        "materials",
+        "3",
+        "1e30",
+        "materials is '1e30' but has to be a whole number from 1 to 65535",
+    ),
     "no number": ("beta", "0.001", "much", "beta is 'much' but has to be a number ≥ 0"),
     "infinite damping": ("beta", "0.001", "inf", "beta is 'inf' but has to be a number ≥ 0"),
     "truncated": ("region_stiffness", r"(f64:\d+:.{400})[^\"]*", r"\g<3>", "region_stiffness is truncated or damaged"),
@@ -103,6 +127,19 @@ DAMAGED = {
         encode(np.ones(10**5, int)),
         "its lattice arrays do not match each other",
     ),
+    "a lattice without its spacing": (
+        "lattice_spacing",
+        r"[^\"]*",
+        "",
+        "lattice_spacing is '' but has to be a number ≥ 0",
+    ),
+    "nodes twice": (
+        "lattice_node",
+        r"(i\d+:\d+:)(.{8})(.{8})",
+        r"\g<3>\g<4>\g<4>",
+        "its lattice's nodes are not in the lattice, in order",
+    ),
+    "empty sets": ("set_size", r"[^\"]*", encode([0] * 20), "its lattice arrays do not match each other"),
     "unknown sets": ("set_size", r"[^\"]*", encode([1]), "its lattice arrays do not match each other"),
     "points twice in sets": (
         "set_point",

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from builders.damaged import DAMAGED, PRINTABLE, edited, saved_beam
+from builders.damaged import DAMAGED, PRINTABLE, edited, saved, saved_beam, wrong_arrays
 from builders.scenes import FLOOR, TILTED, beam, compiled, lump
 from builders.shapes import mixed
 
@@ -352,6 +352,27 @@ def test_damaged_data_is_refused_by_a_sentence(damage: str, warnings: list[str])
         mujoco.MjModel.from_xml_string(xml)
     # MuJoCo hands on the warning in its error
     assert re.search(rf"^mjframes: soft body 'soft0': (.* )?{re.escape(sentence)}.*\.$", str(refusal.value), re.M)
+
+
+def refusal(xml: str) -> str:
+    """What is said of a scene that is not loaded, else ""."""
+    try:
+        mujoco.MjModel.from_xml_string(xml)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("law", "method"), [("corotational", "whole_body"), ("neo_hookean", "whole_body"), ("neo_hookean", "paper")]
+)
+def test_arrays_are_whole_and_finite(law: str, method: str, warnings: list[str]) -> None:
+    labels = np.ones((16, 4, 4), int)
+    labels[8:] = 2
+    volume = Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000), 2: Material(1e5, 0.4, 1000)})
+    wrong = dict(wrong_arrays(saved(build(volume, 3, law=law, method=method))))
+    assert len(wrong) > 70
+    assert [name for name, xml in wrong.items() if "mjframes: soft body 'soft0': " not in refusal(xml)] == []
 
 
 def test_a_part_of_a_soft_body_is_refused(warnings: list[str]) -> None:
