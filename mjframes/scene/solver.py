@@ -14,10 +14,8 @@ from collections.abc import Iterable, Iterator
 import mujoco
 
 FEW = 300  # degrees of freedom up to which dense Newton is faster than sparse conjugate gradients: 1.0 times at 240
-MANY = (
-    16  # geoms of a body that stands still up to which leaving out the trees is faster: by 17 % with a steak among them
-)
-MANY_MOVING = 4  # and of one that moves: arms of links with 6 boxes each took 12 % longer without
+MANY = 16  # geoms up to which a body that stands still is faster without trees: by 17 % where a steak lies among them
+MANY_MOVING = 4  # and one that moves: steps with arms of 6 boxes a link took 12 % longer without
 PATCH = mujoco.mjtGeom.mjGEOM_SDF  # the type of a soft body's geoms, of which no other body has many
 MIDPHASE, CONTACT = mujoco.mjtDisableBit.mjDSBL_MIDPHASE, mujoco.mjtDisableBit.mjDSBL_CONTACT
 JOINTS = {  # degrees of freedom of each type
