@@ -8,12 +8,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.damaged import edited
 from builders.deformed import lattice_weights
 from scipy.ndimage import map_coordinates
 
 from mjframes.body.build import build
 from mjframes.scene.attach import attach
-from mjframes.scene.plugin_text import decode
+from mjframes.scene.plugin_text import decode, encode
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -46,3 +47,24 @@ def test_rounded_weights_leave_the_surface_where_it_is(volume: Callable[[], Volu
     size = np.ptp(body.contact.centers, axis=0).max()
     # nodes outside of a sheet have weights of 28 and are off by up to 0.5 mm, but none of them is at a vertex
     assert np.linalg.norm(of_vertices, axis=0).max() < size / 2**15
+
+
+def test_units_of_a_node_are_its_own() -> None:
+    """Scaled by powers of two, another at each node, they leave contacts and motion what they are, to the bit."""
+    pegs = "".join(f'<geom type="box" size=".008 .008 .03" pos="{0.03 * i - 0.1} 0 .03"/>' for i in range(12))
+
+    def scene(weights: str) -> mujoco.MjModel:
+        xml = edited("lattice_weight", r"[^\"]*", weights)
+        return mujoco.MjModel.from_xml_string(xml.replace("<worldbody>", f"<worldbody>{pegs}", 1))
+
+    get = soft(model := scene(r"\g<2>"), mujoco.MjData(model), "soft0").configuration
+    size, of_node, weights = (decode(get[key]).astype(int) for key in ("set_size", "lattice_set", "lattice_weight"))
+    few = np.sign(weights) * np.maximum(abs(weights) // 16, 1)
+    scale = 2 ** np.random.default_rng(0).integers(0, 5, len(of_node))
+    ends = []
+    for some in (few, few * np.repeat(scale, size[of_node])):
+        data = mujoco.MjData(model := scene(encode(some)))
+        mujoco.mj_step(model, data, 300)
+        ends.append(np.concatenate([data.qpos, *(np.r_[contact.pos, contact.dist] for contact in data.contact)]))
+    assert len(ends[0]) > 4 * 5 + len(data.qpos)
+    np.testing.assert_array_equal(*ends)
