@@ -16,22 +16,20 @@ inline constexpr int kMaxMaterials = UINT16_MAX;  // of a body: more than any im
 
 // Elasticity, law `corotational` (corotational.h)
 
-// [-] of e, above which θ is 1: frames turned by less than 66° against their region and nowhere shortened below 0.4.
-inline constexpr double kAgreeing = 0.4;
-// [-] of e, below which θ is 0. Positive, so that ĝ has taken over before a frame is flat and can be turned over.
-inline constexpr double kOpposed = 0.1;
-// Below a smallest eigenvalue of H the rotation is ill determined (flattened or inverted region), and how the shape
-// turns as it is now takes over in A, weighted by λ = (soft − h_min) / soft; at rest h_min = 2. Where frames disagree f
-// is not the exact gradient anyway, and steps along rotations that are not well determined overshoot: soft = θ
-// kSoftTwist + (1 − θ) kSoftTwistApart.
-inline constexpr double kSoftTwist = 0.1;       // [-]
-inline constexpr double kSoftTwistApart = 1.0;  // [-] half of what it is at rest
+// [-] of an eigenvalue of sym S, 1 at rest: a frame opposes its region where it is less, turned by 66° against it or
+// shortened below 0.4.
+inline constexpr double kOpposed = 0.4;
+// [-] of κ and φ, to the mean stiffness of a region against shear. The less κ is the smoother the energy where the
+// closest rotation jumps; at 1 a region that is stretched to twice its length would turn rather than stretch further.
+inline constexpr double kTwistFirmness = 3;
+inline constexpr double kOpposedFirmness = 3;
+inline constexpr int kTurnSteps = 40;         // of Newton's method for R; three or four are usual
+inline constexpr int kTurnHalvings = 20;      // of a step that does not go down
+inline constexpr double kTurnSlope = 1e-4;    // [-] of the expected descent that a step has to find
+inline constexpr double kSameShape = 1e-3;    // [-] of F at rest, to the identity: weights are rounded
+inline constexpr double kSameValue = 1e-12;   // [-] eigenvalues no farther apart count as one
 
-// [-] of the sum of a shape's second moments: along a direction in which it reaches less far it does not show its turn.
-inline constexpr double kFlatShape = 1e-3;
-inline constexpr double kTinyShape = 1e-15;  // [m²] the same of a region that one point moves
-
-// [-] of A Z. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
+// [-] of Zᵀ U. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 inline constexpr double kSingular = 1e-8;
 
 // Elasticity, other laws (quadrature.h, hessian.h, laws/law.h)

@@ -1,32 +1,29 @@
-// A region as a corotated superelement (design: y_j = Rᵀ x_j − x̄_j, energy ½ yᵀ K_e y).
+// A region as a corotated superelement: y_j = Rᵀ x_j − x̄_j, and R is the rotation of least energy,
 //
-//   f = −R Pᵀ K_e y,   K = (2 − θ) R Pᵀ K_e P Rᵀ,   P = I − Z (A Z)⁻¹ A
+//   W = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − kOpposed)₋|²
 //
-// R is the proper rotation closest to F = Σ_j x_j g_jᵀ. For λ = 0 (see corotational_response.cc) and θ = 1 f is the
-// exact gradient of the energy, ∂R/∂x included, so it carries no net force and no net torque; K is its Gauss–Newton
-// stiffness: positive semi-definite, blind to rotations of the current shape.
+// F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p = Σ_j x_j g°_jᵀ that of one of its frames. At rest K_e does not know
+// R, κ does: R is close to the rotation that is closest to F. φ keeps frames from opposing their region, and is zero
+// unless one is turned by more than 66° against it, or shortened below 0.4; else a region that one frame was turned over
+// in would be at rest as well. κ and φ follow from K_e (FillLane).
 //
-// The gradients g are the region's own, ḡ, unless it is what one frame, the child, adds to other frames, its parents,
-// and they disagree. Given the parents' rotation the energy is a convex quadratic of the child's points, so that a
-// child that was turned over or inside out finds back: ĝ, of the parents' points alone, takes over as far as the region
-// or one of its frames p disagrees with R₀, the rotation that ḡ gives:
+// As the least of functions of x that are smooth, W is continuous in every state, and its gradient is that of the one
+// that is least, at the same R: with K the Hessian of that at fixed R, κ included, and U = K Z, (Z a)_j = a × z_j,
 //
-//   g = θ ḡ + (1 − θ) ĝ,   θ = smoothstep((e − kOpposed) / (kAgreeing − kOpposed))
-//   e = min λ_min(sym(R₀ᵀ F)) over F₀ = Σ_j x_j ḡ_jᵀ and F_p = Σ_j x_j g°_jᵀ;  1 at rest
+//   f = −R ∂W/∂y,   stiffness = R (K − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ
 //
-// How x changes θ is left out of f and K, as it is for λ. Where θ < 1 K is larger than the Gauss–Newton stiffness:
-// steps of half the length do not overshoot while the regions turn.
+// Zᵀ ∂W/∂y = 0, so that f carries no net force and no net torque. The stiffness is positive semi-definite, blind to
+// rotations of the current shape, and K_e at rest; the quadratic function that it belongs to is nowhere below W but for
+// what a step turns the region, so that an implicit step finds no more energy than it paid for.
 //
 // A region of one frame may evaluate a hyperelastic law in its cells. With y = Rᵀ x − x̄ of its control points,
 //
 //   W = ½ yᵀ K_e y + Σ_q V_q ψ(F_q),   F_q = I + E_q y
 //
-// K_e is what the law leaves of the stiffness at rest, Σ_q V_q E_qᵀ C E_q + K_e (mjframes/whole_body/cells.py). A step
-// needs the slope of W in y, and H with H_q = ∂P/∂F projected (hessian.h), in place of K_e y and K_e:
+// in place of ½ yᵀ K_e y. K_e is what the law leaves of the stiffness at rest, Σ_q V_q E_qᵀ C E_q + K_e
+// (mjframes/whole_body/cells.py). K has Σ_q V_q E_qᵀ H_q E_q more, H_q = ∂P/∂F projected (hessian.h).
 //
-//   K_e y + Σ_q V_q E_qᵀ P_q,   H = K_e + Σ_q V_q E_qᵀ H_q E_q
-//
-// Index letters: j, k control point of the region; q cell; r, s rows of F; a, b its columns; lane region.
+// Index letters: j, k control point of the region; p frame; q cell; r, s rows of F; a, b its columns; lane region.
 
 #ifndef MJFRAMES_PLUGIN_COROTATIONAL_H_
 #define MJFRAMES_PLUGIN_COROTATIONAL_H_
@@ -39,6 +36,7 @@
 #include "linear.h"
 #include "shares.h"
 #include "simd.h"
+#include "turn.h"
 
 namespace mjframes {
 
@@ -55,11 +53,9 @@ struct Region {
   std::vector<int32_t> point;      // control points, ancestors first         (m)
   std::vector<Vec3> rest;          // x̄_j minus their mean [m]                (m)
   std::vector<Vec3> gradient;      // ḡ_j [1/m]                               (m)
-  std::vector<Vec3> fallback;      // ĝ_j [1/m]; empty where it has none      (m)
-  std::vector<Vec3> own;           // g°_j of each point's frame [1/m]; empty with fallback (m)
+  std::vector<Vec3> own;           // g°_j of each point's frame [1/m]; empty where there is one frame alone (m)
   std::vector<int32_t> frame_end;  // one after the last point of each frame that has g°
-  int shows;                       // as many points, the first ones, show how it turns where F does not: its parents'
-                                   // where it has a fallback, else all
+  bool solid;                      // whether ḡ shows all of F: its points do not lie in a plane at rest
   std::vector<double> stiffness;   // K_e [N/m]                               (3m × 3m)
   Shares shares;                   // what each material has of it; none where there is one alone
   std::vector<int32_t> pair;       // pair of points of each block (j, k ≤ j) (m(m+1)/2)
@@ -71,44 +67,23 @@ struct Region {
   int size() const { return static_cast<int>(point.size()); }
 };
 
-// θ for e ≤ kAgreeing, or for several side by side.
-template <typename V>
-MJFRAMES_INLINE V TrustOf(const V& e) {
-  V t = (e - kOpposed) / (kAgreeing - kOpposed);
-  t = t < 0.0 ? V{} : t;
-  return t * t * (3.0 - 2.0 * t);
-}
-
-// R. x: all control points of the body [m].
-Mat3 RegionRotation(const Region& region, const Vec3* x, const Mat3& guess);
-
-// ½ yᵀ K_e y and the cells' energy [J], with this K_e (3m × 3m) and factors of the cells' moduli, the region's own
-// where none are given.
-double RegionEnergy(const Region& region, const Vec3* x, const Mat3& R, const double* stiffness, const double* factors);
-
-// Eight regions side by side, one a lane: their force and stiffness.
-//
-//   f_j = −R (w_j + h_j × s),   w = K_e y,   s = (A Z)⁻ᵀ Zᵀ w
-//   K_jk = (2 − θ) R (K_e,jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ,   G_j = (U_j − ½ N_jᵀ (Zᵀ U)) (A Z)⁻¹,   U = K_e Z
-//
-// where with cells w is the energy's slope and U = H Z, H in place of K_e (corotational.h). (Z a)_j = a × z_j, A_j =
-// [h_j]× and N_j = (A Z)⁻¹ [h_j]×. Regions of about the same number of points are in one batch; where one has fewer
-// than the largest, points without stiffness fill it up. Every array has eight lanes an entry.
+// Eight regions side by side, one a lane: their force and stiffness, as above. Regions of about the same number of points
+// are in one batch; where one has fewer than the largest, points without stiffness fill it up. Every array has eight
+// lanes an entry.
 struct RegionBatch {
   // What factors of the materials change.
   struct Moduli {
-    std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j), row major                      (m(m+1)/2 × 9)
+    std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j) with those of κ, row major     (m(m+1)/2 × 9)
+    double firmness[kWideLanes] = {};     // φ [J]
     std::vector<LawParameters> material;  // of each cell                                            (q × 8)
   };
   std::vector<int> region;       // which of the body's, none for lanes at the end without one
   int size;                      // m, of the largest
   std::vector<int32_t> point;    // control points                                            (m)
   std::vector<double> present;   // 1, or 0 for points that fill up                           (m)
-  std::vector<double> shows;     // 1 for the points that show how the region turns, else 0   (m)
   std::vector<double> rest;      // as in Region                                              (m × 3)
   std::vector<double> gradient;  // as in Region                                              (m × 3)
-  std::vector<double> fallback;  // as in Region, 0 for those without; empty if all are           (m × 3)
-  std::vector<double> own;       // as in Region; empty with fallback                         (m × 3)
+  std::vector<double> own;       // as in Region; empty where no region has frames            (m × 3)
   std::vector<double> ends;      // 1 at the last point of a frame with such gradients, else 0 (m)
   std::vector<int32_t> pair;     // as in Region, −1 for blocks that fill up                  (m(m+1)/2)
   Law law;                       // of the cells
@@ -118,8 +93,8 @@ struct RegionBatch {
   // m, of the largest of each four lanes
   int sizes[kWideLanes / kLanes] = {};
   double inverse_size[kWideLanes], enlargement[kWideLanes];
-  double falls_back[kWideLanes];  // 1 for regions with a fallback, else 0
-  Moduli moduli;                  // as built
+  double solid[kWideLanes];  // 1 or 0, as in Region
+  Moduli moduli;  // as built
 };
 
 // All regions, largest first; neighbours next to each other.
@@ -132,20 +107,30 @@ void FillLane(const Region& region, const double* stiffness, const double* facto
 // Scratch memory for the largest batch of a body; allocated once.
 struct BatchScratch {
   explicit BatchScratch(const std::vector<RegionBatch>& batches);
-  std::vector<double> z;            // Rᵀ x_j centred                     (m × 3 × 8)
-  std::vector<double> gradient;     // θ ḡ_j + (1 − θ) ĝ_j, where θ < 1    (m × 3 × 8)
-  std::vector<double> h;            // of A_j                             (m × 3 × 8)
-  std::vector<double> product;      // K_e [y | Z], column by column      (m × 12 × 8)
-  std::vector<double> g;            // G_j, row major                     (m × 9 × 8)
-  std::vector<double> curved;       // V_q H_q E_q, as a batch's slope    (q × m × 9 × 3 × 8)
+  std::vector<double> z;            // Rᵀ x_j centred                          (m × 3 × 8)
+  std::vector<double> start;        // K y for the R that the search starts at (m × 3 × 8)
+  std::vector<double> moment;       // Σ_k K_jk,ab z_k,s there, entry 9a + 3b + s (m × 27 × 8)
+  std::vector<double> product;      // ∂W/∂y and U, column by column           (m × 12 × 8)
+  std::vector<double> g;            // U (Zᵀ U)⁻¹, row major                   (m × 9 × 8)
+  std::vector<double> curved;       // V_q H_q E_q, as a batch's slope         (q × m × 9 × 3 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
+  Turn turn;                        // of one region
+  std::vector<Opposition> opposed;  // of the frames of each lane, the region itself first
+  std::vector<char> opposes;        // whether they do
 };
 
-// The sum of the regions' elastic forces is added to `force`, and, where they are given, that of their stiffnesses to
-// `stiffness` and enlarged to `enlarged`, one row-major 3×3 block a pair of control points. moduli: one a batch, null
-// for those as built. x: all control points [m].
+// What of all regions is asked for: each is added to where it is given.
+struct Wanted {
+  Vec3* force = nullptr;         // of each control point [N]
+  double* stiffness = nullptr;   // one row-major 3×3 block a pair of control points [N/m]
+  double* enlarged = nullptr;    // the same, each region's times its enlargement
+  double* energy = nullptr;      // W [J]
+  Mat3* rotation = nullptr;      // R of each region, by its number; not added
+};
+
+// moduli: one a batch, null for those as built. x: all control points [m].
 void AddBatches(const std::vector<RegionBatch>& batches, const RegionBatch::Moduli* moduli, const Vec3* x,
-                BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged);
+                BatchScratch* scratch, const Wanted& wanted);
 
 }  // namespace mjframes
 

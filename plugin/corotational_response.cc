@@ -46,9 +46,9 @@ struct Half {
   }
 };
 
-// z_j = Rᵀ x_j centred, R, and S = Rᵀ F, for the regions' own gradients.
+// z_j = Rᵀ x_j centred, and R, the rotation closest to F.
 template <typename V>
-MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R, V* S) {
+MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R) {
   const RegionBatch& batch = half.batch;
   double* z = scratch->z.data();
   V mean[3] = {}, F[9] = {};
@@ -64,7 +64,6 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
     }
   }
   FollowRotation(F, R);
-  MulT3(R, F, S);
   // centred: positions far from the origin would cost digits, translations carry no energy
   for (V& m : mean) m *= Load<V>(batch.inverse_size + half.first);
   for (int j = 0; j < half.size; j++) {
@@ -75,145 +74,237 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
   }
 }
 
-// least = min(least, λ_min(sym S)) in the lanes that count, of those below kAgreeing.
+// `start` and `moment`, and of the energy as a function of Δ (turn.h) A and b.
 template <typename V>
-MJFRAMES_INLINE void Lower(const V* S, const Mask<V>& counts, V* least) {
-  const auto disagrees = counts && !EigenvaluesExceed(S, Fill<V>(kAgreeing));
-  if (!Any<V>(disagrees)) return;
-  for (int lane = 0; lane < kWidth<V>; lane++) {
-    if (disagrees[lane]) (*least)[lane] = std::min((*least)[lane], SmallestEigenvalue(LaneOf(S, lane)));
+MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch, V* A, V* b) {
+  const double* stiffness = half.moduli.stiffness.data();
+  for (int e = 0; e < 81; e++) A[e] = V{};
+  for (int e = 0; e < 9; e++) b[e] = V{};
+  for (int j = 0; j < half.size; j++) {
+    V w[3] = {}, moment[27] = {};
+    for (int k = 0; k < half.size; k++) {
+      V z[3], y[3], K[9];
+      const size_t block = k <= j ? j * (j + 1) / 2 + k : k * (k + 1) / 2 + j;
+      for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * block + (k <= j ? e : 3 * (e % 3) + e / 3));
+      for (int s = 0; s < 3; s++) {
+        z[s] = half.Of(scratch->z.data(), 3 * k + s);
+        y[s] = z[s] - half.Of(half.batch.rest.data(), 3 * k + s);
+      }
+      for (int e = 0; e < 9; e++) {
+        w[e / 3] += K[e] * y[e % 3];
+        for (int s = 0; s < 3; s++) moment[3 * e + s] += K[e] * z[s];
+      }
+    }
+    for (int r = 0; r < 3; r++) {
+      const V z = half.Of(scratch->z.data(), 3 * j + r);
+      for (int a = 0; a < 3; a++) {
+        b[3 * r + a] += z * w[a];
+        for (int n = 0; n < 9; n++) A[9 * (3 * r + a) + 3 * (n % 3) + n / 3] += z * moment[9 * a + n];
+      }
+    }
+    for (int r = 0; r < 3; r++) half.Put(w[r], scratch->start.data(), 3 * j + r);
+    for (int e = 0; e < 27; e++) half.Put(moment[e], scratch->moment.data(), 27 * j + e);
   }
 }
 
-// θ of each region; z and S: for its own gradients.
+// Newton's method for the Δ of least energy, frames and cells left out, from Δ = 0; the lanes where it ended.
 template <typename V>
-MJFRAMES_INLINE V Trust(const Half<V>& half, const double* z, const V* S) {
+MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
+  V size = A[0] + A[40] + A[80];
+  auto good = size > 0.0, close = size < 0.0;
+  for (int e = 0; e < 9; e++) delta[e] = V{};
+  for (int step = 0; step < kRotationSteps && !All<V>(close || !good); step++) {
+    V D[9], slope[9], M[9], columns[27], H[9], adjugate[9];
+    for (int n = 0; n < 9; n++) {
+      D[n] = delta[n] + kIdentity[n];
+      slope[n] = b[n];
+      for (int k = 0; k < 9; k++) slope[n] += A[9 * n + k] * delta[k];
+    }
+    MulT3(D, slope, M);
+    for (int c = 0; c < 3; c++) {  // D [e_c]×
+      const int u = (c + 1) % 3, v = (c + 2) % 3;
+      for (int r = 0; r < 3; r++) {
+        columns[9 * c + 3 * r + c] = V{};
+        columns[9 * c + 3 * r + u] = D[3 * r + v];
+        columns[9 * c + 3 * r + v] = -D[3 * r + u];
+      }
+    }
+    const V trace = M[0] + M[4] + M[8];
+    for (int c = 0; c < 3; c++) {
+      V product[9];
+      for (int n = 0; n < 9; n++) {
+        product[n] = V{};
+        for (int k = 0; k < 9; k++) product[n] += A[9 * n + k] * columns[9 * c + k];
+      }
+      for (int d = 0; d < 3; d++) {
+        V sum = 0.5 * (M[3 * d + c] + M[3 * c + d]) - (c == d ? trace : V{});
+        for (int n = 0; n < 9; n++) sum += columns[9 * d + n] * product[n];
+        H[3 * d + c] = sum;
+      }
+    }
+    const V determinant = Adjugate(H, adjugate);
+    const V floor = kMinTwist * size, minor2 = adjugate[8];
+    const V moment[3] = {M[5] - M[7], M[6] - M[2], M[1] - M[3]};
+    V q[3];  // half Newton's correction
+    for (int r = 0; r < 3; r++) {
+      q[r] = 0.5 * (adjugate[3 * r] * moment[0] + adjugate[3 * r + 1] * moment[1] + adjugate[3 * r + 2] * moment[2]) /
+             determinant;
+    }
+    const V square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
+    good = good && H[0] > floor && minor2 > floor * H[0] && determinant > floor * minor2 &&
+           4.0 * square < kTrustRadius * kTrustRadius;
+    const V twice = 2.0 / (1.0 + square);
+    const V x = q[0], y = q[1], z = q[2];
+    const V turn[9] = {-twice * (y * y + z * z), twice * (x * y - z),      twice * (x * z + y),
+                       twice * (x * y + z),      -twice * (x * x + z * z), twice * (y * z - x),
+                       twice * (x * z - y),      twice * (y * z + x),      -twice * (x * x + y * y)};
+    V more[9];
+    Mul3(D, turn, more);
+    for (int e = 0; e < 9; e++) delta[e] += more[e];
+    close = 4.0 * square < kRotated * kRotated;
+  }
+  const auto found = good && close;
+  for (int e = 0; e < 9; e++) delta[e] = found ? delta[e] : V{};
+  return found;
+}
+
+// The lanes where no frame, nor the region itself, opposes it after the turn D.
+template <typename V>
+MJFRAMES_INLINE Mask<V> Agree(const Half<V>& half, const double* z, const V* D) {
   const RegionBatch& batch = half.batch;
-  V least = Fill<V>(kAgreeing), of_frame[9] = {};
-  Lower(S, Load<V>(batch.falls_back + half.first) > 0.0, &least);
+  const V bound = Fill<V>(kOpposed);
+  V S[9] = {}, of_frame[9] = {}, turned[9];
   for (int j = 0; j < half.size; j++) {
+    for (int e = 0; e < 9; e++) S[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.gradient.data(), 3 * j + e % 3);
+  }
+  MulT3(D, S, turned);
+  auto agree = EigenvaluesExceed(turned, bound) || !(Load<V>(batch.solid + half.first) > 0.0);
+  for (int j = 0; j < half.size && !batch.own.empty(); j++) {
     for (int e = 0; e < 9; e++) of_frame[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.own.data(), 3 * j + e % 3);
     const auto ends = half.Of(batch.ends.data(), j) > 0.0;
     if (!Any<V>(ends)) continue;
-    Lower(of_frame, ends, &least);
+    MulT3(D, of_frame, turned);
+    agree = agree && (!ends || EigenvaluesExceed(turned, bound));
     for (V& s : of_frame) s = ends ? V{} : s;
   }
-  return TrustOf(least);
+  return agree;
 }
 
-// For regions with θ < 1: g = θ ḡ + (1 − θ) ĝ, and R, z and S of that; the others keep what they have.
+// S of the region itself and of each of its frames, of one lane.
 template <typename V>
-MJFRAMES_INLINE void FallBack(const Half<V>& half, const V& theta, BatchScratch* scratch, V* R, V* S) {
+int FramesOf(const Half<V>& half, int lane, const double* z, Mat3* frame) {
   const RegionBatch& batch = half.batch;
-  double* z = scratch->z.data();
-  V F[9] = {};  // seen from R, as z is
-  for (int j = 0; j < half.size; j++) {
-    for (int c = 0; c < 3; c++) {
-      const V g =
-          theta * half.Of(batch.gradient.data(), 3 * j + c) + (1.0 - theta) * half.Of(batch.fallback.data(), 3 * j + c);
-      for (int r = 0; r < 3; r++) F[3 * r + c] += half.Of(z, 3 * j + r) * g;
-      half.Put(g, scratch->gradient.data(), 3 * j + c);
-    }
+  const auto at = [&](const double* array, int entry) { return array[kWideLanes * entry + half.first + lane]; };
+  int frames = batch.solid[half.first + lane] > 0;
+  frame[0] = {};
+  for (int j = 0; j < half.size && frames; j++) {
+    for (int e = 0; e < 9; e++) frame[0][e] += at(z, 3 * j + e / 3) * at(batch.gradient.data(), 3 * j + e % 3);
   }
-  V turn[9], turned[9], stretch[9];
-  for (int e = 0; e < 9; e++) turn[e] = Fill<V>(kIdentity[e]);
-  FollowRotation(F, turn);
-  MulT3(turn, F, stretch);
-  Mul3(R, turn, turned);
-  const auto changes = theta < 1.0;
+  if (batch.own.empty()) return frames;
+  frame[frames] = {};
+  for (int j = 0; j < half.size; j++) {
+    for (int e = 0; e < 9; e++) frame[frames][e] += at(z, 3 * j + e / 3) * at(batch.own.data(), 3 * j + e % 3);
+    if (at(batch.ends.data(), j) > 0) frame[++frames] = {};
+  }
+  return frames;
+}
+
+// The cells of one lane as functions of Δ.
+template <typename V>
+void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
+  const RegionBatch& batch = half.batch;
+  const int at = half.first + lane;
+  turn->law = batch.law;
+  turn->groups = (batch.cells + kLanes - 1) / kLanes;
+  for (int q = 0; q < turn->groups * kLanes; q++) {
+    TurnCells& cells = turn->cells[q / kLanes];
+    const int n = q % kLanes, real = std::min(q, batch.cells - 1);
+    cells.volume[n] = q < batch.cells ? batch.volume[kWideLanes * q + at] : 0;
+    cells.material[n] = half.moduli.material[kWideLanes * real + at];
+    double F[9], slope[81] = {};
+    for (int e = 0; e < 9; e++) F[e] = kIdentity[e];
+    for (int j = 0; j < half.size && q < batch.cells; j++) {
+      const double* E = batch.slope.data() + kWideLanes * 27 * (static_cast<size_t>(q) * batch.size + j) + at;
+      for (int e = 0; e < 9; e++) {
+        for (int a = 0; a < 3; a++) {
+          const double entry = E[kWideLanes * (3 * e + a)], zja = z[kWideLanes * (3 * j + a) + at];
+          F[e] += entry * (zja - batch.rest[kWideLanes * (3 * j + a) + at]);
+          for (int r = 0; r < 3; r++) slope[9 * e + 3 * r + a] += entry * z[kWideLanes * (3 * j + r) + at];
+        }
+      }
+    }
+    for (int e = 0; e < 9; e++) cells.F[e][n] = F[e];
+    for (int e = 0; e < 81; e++) cells.slope[e][n] = slope[e];
+  }
+}
+
+// Searches for the Δ of one lane, and keeps which of its frames oppose it there; whether any does.
+template <typename V>
+bool Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V* b, V* delta, BatchScratch* scratch) {
+  Turn& turn = scratch->turn;
+  const int at = half.first + lane;
+  for (int e = 0; e < 81; e++) turn.curvature[e] = A[e][lane];
+  for (int e = 0; e < 9; e++) turn.slope[e] = b[e][lane];
+  turn.firmness = half.moduli.firmness[at];
+  turn.frames = FramesOf(half, lane, scratch->z.data(), turn.frame.data());
+  CellsOf(half, lane, scratch->z.data(), &turn);
+  const Mat3 found = LeastTurn(turn, everywhere);
+  Mat3 D = found;
   for (int e = 0; e < 9; e++) {
-    R[e] = changes ? turned[e] : R[e];
-    S[e] = changes ? stretch[e] : S[e];
-    turn[e] = changes ? turn[e] : Fill<V>(kIdentity[e]);
+    delta[e][lane] = found[e];
+    D[e] += kIdentity[e];
   }
-  for (int j = 0; j < half.size; j++) {
-    V at[3];
-    for (int r = 0; r < 3; r++) at[r] = half.Of(z, 3 * j + r);
-    for (int r = 0; r < 3; r++) half.Put(turn[r] * at[0] + turn[3 + r] * at[1] + turn[6 + r] * at[2], z, 3 * j + r);
+  bool any = false;
+  for (int p = 0; p < turn.frames; p++) {
+    const size_t n = (half.batch.size + 1) * static_cast<size_t>(at) + p;
+    scratch->opposes[n] = Opposes(Mul(Transpose(D), turn.frame[p]), turn.firmness, &scratch->opposed[n]);
+    any = any || scratch->opposes[n];
   }
+  return any;
 }
 
-// λ of each region.
-template <typename V>
-MJFRAMES_INLINE V SoftTwist(const V* S, const V& theta) {
-  const V soft = theta * kSoftTwist + (1.0 - theta) * kSoftTwistApart;
-  const V trace = S[0] + S[4] + S[8];
-  V H[9], lambda = {};
-  for (int e = 0; e < 9; e++) H[e] = e % 4 == 0 ? trace - S[e] : -S[e];
-  const auto firm = EigenvaluesExceed(H, soft);
-  if (All<V>(firm)) return lambda;
-  for (int lane = 0; lane < kWidth<V>; lane++) {
-    if (!firm[lane]) lambda[lane] = std::max(0.0, soft[lane] - SmallestEigenvalue(LaneOf(H, lane))) / soft[lane];
-  }
-  return lambda;
-}
-
-// Adds λ N (z_j − c) to h over the points that show how the shape turns, N = (Σ_j (z_j − c)(z_j − c)ᵀ)⁻¹ and c their
-// mean: gradients of the shape as it is now.
-template <typename V>
-MJFRAMES_INLINE void AddShapeGradient(const Half<V>& half, const V& lambda, BatchScratch* scratch) {
+// Calls act(opposition, gradients, first point, one after the last) for all that oppose one lane's region.
+template <typename V, typename Act>
+void ForOpposed(const Half<V>& half, int lane, const BatchScratch& scratch, const Act& act) {
   const RegionBatch& batch = half.batch;
-  const double* z = scratch->z.data();
-  V count = {}, mean[3] = {}, moment[9] = {}, N[9];
-  for (int j = 0; j < half.size; j++) {
-    const V shows = half.Of(batch.shows.data(), j);
-    count += shows;
-    for (int r = 0; r < 3; r++) mean[r] += shows * half.Of(z, 3 * j + r);
+  const int at = half.first + lane;
+  size_t n = (batch.size + 1) * static_cast<size_t>(at);
+  if (batch.solid[at]) {
+    if (scratch.opposes[n]) act(scratch.opposed[n], batch.gradient, 0, half.size);
+    n++;
   }
-  for (V& m : mean) m /= count;
-  for (int j = 0; j < half.size; j++) {
-    const V shows = half.Of(batch.shows.data(), j);
-    V d[3];
-    for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
-    for (int e = 0; e < 9; e++) moment[e] += shows * d[e / 3] * d[e % 3];
-  }
-  const V floor = kFlatShape * (moment[0] + moment[4] + moment[8]) + kTinyShape;
-  for (int e = 0; e < 9; e += 4) moment[e] += floor;
-  const V determinant = Adjugate(moment, N);
-  for (int j = 0; j < half.size; j++) {
-    const V weight = half.Of(batch.shows.data(), j) * lambda / determinant;
-    V d[3];
-    for (int r = 0; r < 3; r++) d[r] = half.Of(z, 3 * j + r) - mean[r];
-    for (int r = 0; r < 3; r++) {
-      const V h = N[3 * r] * d[0] + N[3 * r + 1] * d[1] + N[3 * r + 2] * d[2];
-      half.Put(half.Of(scratch->h.data(), 3 * j + r) + weight * h, scratch->h.data(), 3 * j + r);
-    }
+  for (int j = 0, begin = 0; j < half.size && !batch.own.empty(); j++) {
+    if (!(batch.ends[kWideLanes * j + at] > 0)) continue;
+    if (scratch.opposes[n]) act(scratch.opposed[n], batch.own, begin, j + 1);
+    n++;
+    begin = j + 1;
   }
 }
 
-// h_j = g_j, the gradients that R is made of, and what λ adds, and (A Z)⁻¹, A Z = Σ_j (h_j·z_j) I − z_j h_jᵀ.
+// z after the turn D = 1 + Δ, and the product without cells and frames.
 template <typename V>
-MJFRAMES_INLINE void Constrain(const Half<V>& half, const double* g, const V& theta, const V* S, BatchScratch* scratch,
-                               V* inverse) {
-  const double* z = scratch->z.data();
-  for (int e = 0; e < 3 * half.size; e++) half.Put(half.Of(g, e), scratch->h.data(), e);
-  const V lambda = SoftTwist(S, theta);
-  if (Any<V>(lambda > 0.0)) AddShapeGradient(half, lambda, scratch);
-  V AZ[9] = {};
+MJFRAMES_INLINE void TurnAll(const Half<V>& half, const V* delta, const V* D, BatchScratch* scratch) {
+  double *z = scratch->z.data(), *product = scratch->product.data();
   for (int j = 0; j < half.size; j++) {
-    V zj[3], h[3];
-    for (int r = 0; r < 3; r++) {
-      zj[r] = half.Of(z, 3 * j + r);
-      h[r] = half.Of(scratch->h.data(), 3 * j + r);
+    V at[3], moment[27], w[3];
+    for (int r = 0; r < 3; r++) at[r] = half.Of(z, 3 * j + r);
+    for (int r = 0; r < 3; r++) half.Put(D[r] * at[0] + D[3 + r] * at[1] + D[6 + r] * at[2], z, 3 * j + r);
+    for (int e = 0; e < 27; e++) moment[e] = half.Of(scratch->moment.data(), 27 * j + e);
+    for (int a = 0; a < 3; a++) {
+      w[a] = half.Of(scratch->start.data(), 3 * j + a);
+      for (int n = 0; n < 9; n++) w[a] += moment[9 * a + n] * delta[3 * (n % 3) + n / 3];
+      half.Put(w[a], product, 12 * j + a);
+      V turned[9];  // Σ_k K_jk,ab z_k,c after the turn
+      Mul3(moment + 9 * a, D, turned);
+      for (int c = 0; c < 3; c++) {
+        const int u = (c + 1) % 3, v = (c + 2) % 3;
+        half.Put(turned[3 * v + u] - turned[3 * u + v], product, 12 * j + 3 * (1 + c) + a);
+      }
     }
-    const V hz = h[0] * zj[0] + h[1] * zj[1] + h[2] * zj[2];
-    for (int e = 0; e < 9; e++) AZ[e] -= zj[e / 3] * h[e % 3];
-    for (int r = 0; r < 3; r++) AZ[4 * r] += hz;
-  }
-  const V determinant = Adjugate(AZ, inverse);
-  V size = Abs(AZ[0]);
-  for (int e = 1; e < 9; e++) size = size > Abs(AZ[e]) ? size : Abs(AZ[e]);
-  const auto regular = Abs(determinant) > kSingular * size * size * size;
-  const V factor = 1.0 / determinant;
-  for (int e = 0; e < 9; e++) inverse[e] *= factor;
-  for (int lane = 0; lane < kWidth<V>; lane++) {
-    if (regular[lane]) continue;  // points on a line can turn about it unseen
-    const Mat3 one = PseudoInverse(LaneOf(AZ, lane));
-    for (int e = 0; e < 9; e++) inverse[e][lane] = one[e];
   }
 }
 
-// y, z of a point, and what K's block and its transpose do to [y | Z], Z's columns being e_c × z.
+// y and z of a point.
 template <typename V>
 struct Columns {
   V y[3], z[3];
@@ -225,41 +316,6 @@ struct Columns {
     }
   }
 };
-
-// add(3 c + r, Σ_s K_rs [y | Z]_sc); row, column: strides of r and s in K.
-template <int kRow, int kColumn, typename V, typename Add>
-MJFRAMES_INLINE void AddProduct(const V* K, const Columns<V>& of, const Add& add) {
-  for (int r = 0; r < 3; r++) {
-    const V k0 = K[kRow * r], k1 = K[kRow * r + kColumn], k2 = K[kRow * r + 2 * kColumn];
-    add(r, k0 * of.y[0] + k1 * of.y[1] + k2 * of.y[2]);
-    add(3 + r, k2 * of.z[1] - k1 * of.z[2]);
-    add(6 + r, k0 * of.z[2] - k2 * of.z[0]);
-    add(9 + r, k1 * of.z[0] - k0 * of.z[1]);
-  }
-}
-
-// product = K_e [y | Z]
-template <typename V>
-MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch) {
-  const double* stiffness = half.moduli.stiffness.data();
-  double* product = scratch->product.data();
-  for (int j = 0, block = 0; j < half.size; j++, block++) {
-    const Columns<V> of_j(half, scratch->z.data(), j);
-    V sum[12] = {}, K[9];
-    const auto add = [&](int c, const V& value) MJFRAMES_KERNEL { sum[c] += value; };
-    for (int k = 0; k < j; k++, block++) {
-      for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * static_cast<size_t>(block) + e);
-      AddProduct<3, 1>(K, Columns<V>(half, scratch->z.data(), k), add);
-      AddProduct<1, 3>(K, of_j, [&](int c, const V& value) MJFRAMES_KERNEL {
-        half.Put(half.Of(product, 12 * k + c) + value, product, 12 * k + c);
-      });
-    }
-    for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * static_cast<size_t>(block) + e);
-    AddProduct<3, 1>(K, of_j, add);
-    MJFRAMES_UNROLL
-    for (int c = 0; c < 12; c++) half.Put(sum[c], product, 12 * j + c);
-  }
-}
 
 // Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product, the first column alone unless `curved`.
 template <typename V>
@@ -322,6 +378,106 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
   }
 }
 
+// Adds what opposing frames have of the product of one lane; returns their energy.
+template <typename V>
+double AddOpposed(const Half<V>& half, int lane, BatchScratch* scratch) {
+  const int at = half.first + lane;
+  double energy = 0;
+  const auto entry = [&](double* array, size_t e) -> double& { return array[kWideLanes * e + at]; };
+  ForOpposed(half, lane, *scratch, [&](const Opposition& of, const std::vector<double>& gradient, int begin, int end) {
+    energy += of.energy;
+    Mat3 S{};
+    const auto g = [&](int j) {
+      Vec3 gj;
+      for (int a = 0; a < 3; a++) gj[a] = gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at];
+      return gj;
+    };
+    for (int j = begin; j < end; j++) {
+      const Vec3 gj = g(j);
+      for (int e = 0; e < 9; e++) S[e] += entry(scratch->z.data(), 3 * j + e / 3) * gj[e % 3];
+    }
+    Mat3 column[4] = {of.slope};
+    for (int c = 0; c < 3; c++) {
+      Vec3 axis{};
+      axis[c] = 1;
+      const Mat3 change = Mul(Skew(axis), S);
+      for (int e = 0; e < 9; e++) {
+        column[1 + c][e] = 0;
+        for (int n = 0; n < 9; n++) column[1 + c][e] += of.curvature[9 * e + n] * change[n];
+      }
+    }
+    for (int j = begin; j < end; j++) {
+      const Vec3 gj = g(j);
+      for (int c = 0; c < 4; c++) {
+        const Vec3 added = Mul(column[c], gj);
+        for (int r = 0; r < 3; r++) entry(scratch->product.data(), 12 * j + 3 * c + r) += added[r];
+      }
+    }
+  });
+  return energy;
+}
+
+// ½ Σ_j y_j·w_j of each region, w the product's first column without cells and frames.
+template <typename V>
+MJFRAMES_INLINE V Quadratic(const Half<V>& half, const BatchScratch& scratch) {
+  V energy = {};
+  for (int j = 0; j < half.size; j++) {
+    const Columns<V> of(half, scratch.z.data(), j);
+    for (int r = 0; r < 3; r++) energy += 0.5 * of.y[r] * half.Of(scratch.product.data(), 12 * j + r);
+  }
+  return energy;
+}
+
+// Σ_q V_q ψ of one lane.
+template <typename V>
+double CellEnergy(const Half<V>& half, int lane, const BatchScratch& scratch) {
+  const RegionBatch& batch = half.batch;
+  const int at = half.first + lane;
+  double energy = 0;
+  for (int q = 0; q < batch.cells; q++) {
+    Mat3 F = kIdentity;
+    for (int j = 0; j < half.size; j++) {
+      const double* E = batch.slope.data() + kWideLanes * 27 * (static_cast<size_t>(q) * batch.size + j) + at;
+      for (int e = 0; e < 27; e++) {
+        const size_t entry = kWideLanes * (3 * static_cast<size_t>(j) + e % 3) + at;
+        F[e / 3] += E[kWideLanes * e] * (scratch.z[entry] - batch.rest[entry]);
+      }
+    }
+    const Invariants<double> is = InvariantsOf(F.data());
+    energy += batch.volume[kWideLanes * q + at] *
+              EnergyDensity(batch.law, half.moduli.material[kWideLanes * q + at], is.i1, is.i2, is.j);
+  }
+  return energy;
+}
+
+// (Zᵀ U)⁻¹; where points on a line can turn about it unseen, its pseudo-inverse.
+template <typename V>
+MJFRAMES_INLINE void InvertTwist(const Half<V>& half, const BatchScratch& scratch, V* inverse) {
+  V ZU[9] = {}, H[9];
+  for (int j = 0; j < half.size; j++) {
+    V z[3], u[3], moment[3];
+    for (int r = 0; r < 3; r++) z[r] = half.Of(scratch.z.data(), 3 * j + r);
+    for (int c = 0; c < 3; c++) {
+      for (int r = 0; r < 3; r++) u[r] = half.Of(scratch.product.data(), 12 * j + 3 * (1 + c) + r);
+      Cross3(z, u, moment);
+      for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
+    }
+  }
+  for (int e = 0; e < 9; e++) H[e] = 0.5 * (ZU[e] + ZU[3 * (e % 3) + e / 3]);
+  const V determinant = Adjugate(H, inverse);
+  V size = Abs(H[0]);
+  for (int e = 1; e < 9; e++) size = size > Abs(H[e]) ? size : Abs(H[e]);
+  const auto regular = Abs(determinant) > kSingular * size * size * size;
+  const V factor = 1.0 / determinant;
+  for (int e = 0; e < 9; e++) inverse[e] *= factor;
+  for (int lane = 0; lane < kWidth<V>; lane++) {
+    if (regular[lane]) continue;
+    const Mat3 one = PseudoInverse(LaneOf(H, lane));
+    for (int e = 0; e < 9; e++) inverse[e][lane] = one[e];
+  }
+}
+
+// The torque that the search for R left, which is rounding, is taken from the force as a turn would.
 template <typename V>
 MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse, const BatchScratch& scratch,
                               Vec3* force) {
@@ -336,12 +492,13 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
     Cross3(z, w, moment);
     for (int r = 0; r < 3; r++) torque[r] += moment[r];
   }
-  for (int r = 0; r < 3; r++) s[r] = inverse[r] * torque[0] + inverse[3 + r] * torque[1] + inverse[6 + r] * torque[2];
+  for (int r = 0; r < 3; r++) s[r] = inverse[3 * r] * torque[0] + inverse[3 * r + 1] * torque[1] + inverse[3 * r + 2] * torque[2];
   for (int j = 0; j < half.size; j++) {
-    V h[3], w[3];
-    for (int r = 0; r < 3; r++) h[r] = half.Of(scratch.h.data(), 3 * j + r);
-    Cross3(h, s, w);
-    for (int r = 0; r < 3; r++) w[r] += half.Of(product, 12 * j + r);
+    V w[3];
+    for (int r = 0; r < 3; r++) {
+      w[r] = half.Of(product, 12 * j + r);
+      for (int c = 0; c < 3; c++) w[r] -= half.Of(product, 12 * j + 3 * (1 + c) + r) * s[c];
+    }
     const int32_t* point = half.batch.point.data() + kWideLanes * j + half.first;
     for (int r = 0; r < 3; r++) {
       const V f = R[3 * r] * w[0] + R[3 * r + 1] * w[1] + R[3 * r + 2] * w[2];
@@ -350,28 +507,17 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
   }
 }
 
-// G_j
+// U (Zᵀ U)⁻¹
 template <typename V>
 MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
-  const double* product = scratch->product.data();
-  V ZU[9] = {};  // Zᵀ U
   for (int j = 0; j < half.size; j++) {
-    V z[3], u[3], moment[3];
-    for (int r = 0; r < 3; r++) z[r] = half.Of(scratch->z.data(), 3 * j + r);
-    for (int c = 0; c < 3; c++) {
-      for (int r = 0; r < 3; r++) u[r] = half.Of(product, 12 * j + 3 * (1 + c) + r);
-      Cross3(z, u, moment);
-      for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
+    for (int r = 0; r < 3; r++) {
+      V u[3];
+      for (int c = 0; c < 3; c++) u[c] = half.Of(scratch->product.data(), 12 * j + 3 * (1 + c) + r);
+      for (int c = 0; c < 3; c++) {
+        half.Put(u[0] * inverse[c] + u[1] * inverse[3 + c] + u[2] * inverse[6 + c], scratch->g.data(), 9 * j + 3 * r + c);
+      }
     }
-  }
-  for (int j = 0; j < half.size; j++) {
-    V h[3], N[9], correction[9], left[9], G[9];
-    for (int r = 0; r < 3; r++) h[r] = half.Of(scratch->h.data(), 3 * j + r);
-    for (int r = 0; r < 9; r += 3) Cross3(inverse + r, h, N + r);  // a row times [h]×
-    MulT3(N, ZU, correction);
-    for (int e = 0; e < 9; e++) left[e] = half.Of(product, 12 * j + 3 + 3 * (e % 3) + e / 3) - 0.5 * correction[e];
-    Mul3(left, inverse, G);
-    for (int e = 0; e < 9; e++) half.Put(G[e], scratch->g.data(), 9 * j + e);
   }
 }
 
@@ -389,85 +535,121 @@ MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const Bat
   }
 }
 
-// (2 − θ) R (K_jk − G_j [h_k]× − ([h_j]×)ᵀ G_kᵀ) Rᵀ of all blocks
+// R (K_jk − U_j (Zᵀ U)⁻¹ U_kᵀ) Rᵀ of all blocks
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& theta, const BatchScratch& scratch,
-                                  double* stiffness, double* enlarged) {
-  V scaled[9];
-  for (int e = 0; e < 9; e++) scaled[e] = (2.0 - theta) * R[e];
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, const Wanted& wanted) {
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
   for (int j = 0; j < half.size; j++) {
-    V Gj[9], hj[3];
+    V Gj[9];
     for (int e = 0; e < 9; e++) Gj[e] = half.Of(scratch.g.data(), 9 * j + e);
-    for (int r = 0; r < 3; r++) hj[r] = half.Of(scratch.h.data(), 3 * j + r);
     for (int k = 0; k <= j; k++, entry += 9, pair += kWideLanes) {
-      V block[9], left[9], Gk[9], hk[3];
-      for (int e = 0; e < 9; e++) Gk[e] = half.Of(scratch.g.data(), 9 * k + e);
-      for (int r = 0; r < 3; r++) hk[r] = half.Of(scratch.h.data(), 3 * k + r);
-      for (int r = 0; r < 3; r++) {
-        const int t = (r + 1) % 3, u = (r + 2) % 3;
+      V block[9], left[9];
+      for (int e = 0; e < 9; e++) block[e] = half.Of(half.moduli.stiffness.data(), entry + e);
+      for (int c = 0; c < 3; c++) {
         for (int s = 0; s < 3; s++) {
-          const int v = (s + 1) % 3, w = (s + 2) % 3;
-          block[3 * r + s] = half.Of(half.moduli.stiffness.data(), entry + 3 * r + s) -
-                             (Gj[3 * r + v] * hk[w] - Gj[3 * r + w] * hk[v]) -
-                             (Gk[3 * s + t] * hj[u] - Gk[3 * s + u] * hj[t]);
+          const V u = half.Of(scratch.product.data(), 12 * k + 3 * (1 + c) + s);
+          for (int r = 0; r < 3; r++) block[3 * r + s] -= Gj[3 * r + c] * u;
         }
       }
       for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
-      Mul3(scaled, block, left);
+      Mul3(R, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
         const V* axis = R + e % 3 * 3;
         block[e] = row[0] * axis[0] + row[1] * axis[1] + row[2] * axis[2];
       }
-      Scatter(block, pair, stiffness);
-      if (!enlarged) continue;
+      Scatter(block, pair, wanted.stiffness);
+      if (!wanted.enlarged) continue;
       for (V& b : block) b *= enlargement;
-      Scatter(block, pair, enlarged);
+      Scatter(block, pair, wanted.enlarged);
     }
   }
+}
+
+// R K Rᵀ of the opposing frames of one lane.
+template <typename V>
+void AddOpposedStiffness(const Half<V>& half, int lane, const Mat3& R, const BatchScratch& scratch,
+                         const Wanted& wanted) {
+  const RegionBatch& batch = half.batch;
+  const int at = half.first + lane;
+  ForOpposed(half, lane, scratch, [&](const Opposition& of, const std::vector<double>& gradient, int begin, int end) {
+    const auto g = [&](int j, int a) { return gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at]; };
+    for (int j = begin; j < end; j++) {
+      double row[27] = {};  // Σ_a C[(r, a), n] g_ja
+      for (int e = 0; e < 27; e++) {
+        for (int a = 0; a < 3; a++) row[e] += of.curvature[9 * (3 * (e / 9) + a) + e % 9] * g(j, a);
+      }
+      for (int k = begin; k <= j; k++) {
+        Mat3 block{};
+        for (int e = 0; e < 9; e++) {
+          for (int b = 0; b < 3; b++) block[e] += row[9 * (e / 3) + 3 * (e % 3) + b] * g(k, b);
+        }
+        const int32_t pair = batch.pair[kWideLanes * (static_cast<size_t>(j) * (j + 1) / 2 + k) + at];
+        if (pair < 0) continue;
+        block = Mul(Mul(R, block), Transpose(R));
+        for (int e = 0; e < 9; e++) {
+          wanted.stiffness[9 * static_cast<size_t>(pair) + e] += block[e];
+          if (wanted.enlarged) wanted.enlarged[9 * static_cast<size_t>(pair) + e] += batch.enlargement[at] * block[e];
+        }
+      }
+    }
+  });
 }
 
 template <typename V>
 MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Moduli& moduli, const Vec3* x,
-                                BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged) {
+                                BatchScratch* scratch, const Wanted& wanted) {
   for (int first = 0; first < kWideLanes; first += kWidth<V>) {
     const Half<V> half = {batch, moduli, first};
-    if (batch.pair[first] < 0) break;  // the last regions do not fill all lanes
-    V R[9], S[9], inverse[9];
+    const int regions = std::min(static_cast<int>(batch.region.size()) - first, kWidth<V>);
+    if (regions <= 0) break;  // the last regions do not fill all lanes
+    V R[9], A[81], b[9], delta[9], D[9], turned[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
-    Unturn(half, x, scratch, R, S);
+    Unturn(half, x, scratch, R);
     for (int e = 0; e < 9; e++) half.Put(R[e], scratch->rotation, e);
-    const double* gradient = batch.gradient.data();
-    V theta = Fill<V>(1);
-    if (!batch.fallback.empty()) {
-      theta = Trust(half, scratch->z.data(), S);
-      if (Any<V>(theta < 1.0)) {
-        FallBack(half, theta, scratch, R, S);
-        gradient = scratch->gradient.data();
-      }
+    Multiply(half, scratch, A, b);
+    const auto found = FollowTurn(A, b, delta);
+    for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
+    const auto agree = Agree(half, scratch->z.data(), D);
+    bool opposed[kWidth<V>] = {};
+    for (int lane = 0; lane < regions; lane++) {
+      if (found[lane] && agree[lane] && !batch.cells) continue;
+      opposed[lane] = Search(half, lane, !agree[lane], A, b, delta, scratch);
     }
-    Constrain(half, gradient, theta, S, scratch, inverse);
-    Multiply(half, scratch);
-    if (batch.cells) AddCells(half, stiffness != nullptr, scratch);
-    AddForce(half, R, inverse, *scratch, force);
-    if (!stiffness) continue;
+    for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
+    Mul3(R, D, turned);
+    TurnAll(half, delta, D, scratch);
+    V energy = {};
+    if (wanted.energy) energy = Quadratic(half, *scratch);
+    for (int lane = 0; lane < regions; lane++) {
+      const double of_frames = opposed[lane] ? AddOpposed(half, lane, scratch) : 0;
+      if (wanted.energy) *wanted.energy += energy[lane] + of_frames + CellEnergy(half, lane, *scratch);
+      if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(turned, lane);
+    }
+    if (!wanted.force) continue;
+    if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
+    InvertTwist(half, *scratch, inverse);
+    AddForce(half, turned, inverse, *scratch, wanted.force);
+    if (!wanted.stiffness) continue;
     Correct(half, inverse, scratch);
-    AddStiffness(half, R, theta, *scratch, stiffness, enlarged);
+    AddStiffness(half, turned, *scratch, wanted);
+    for (int lane = 0; lane < regions; lane++) {
+      if (opposed[lane]) AddOpposedStiffness(half, lane, LaneOf(turned, lane), *scratch, wanted);
+    }
   }
 }
 
 void AddBatch(const RegionBatch& batch, const RegionBatch::Moduli& moduli, const Vec3* x, BatchScratch* scratch,
-              Vec3* force, double* stiffness, double* enlarged) {
-  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, moduli, x, scratch, force, stiffness, enlarged); });
+              const Wanted& wanted) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBatchOf<V>(batch, moduli, x, scratch, wanted); });
 }
 
 }  // namespace
 
 void AddBatches(const std::vector<RegionBatch>& batches, const RegionBatch::Moduli* moduli, const Vec3* x,
-                BatchScratch* scratch, Vec3* force, double* stiffness, double* enlarged) {
+                BatchScratch* scratch, const Wanted& wanted) {
   if (batches.empty()) return;
   // a body turns as a whole: one region shows the others where to start
   const RegionBatch& first = batches.front();
@@ -480,7 +662,7 @@ void AddBatches(const std::vector<RegionBatch>& batches, const RegionBatch::Modu
   const Mat3 R = ClosestRotation(F, kIdentity);
   for (int e = 0; e < 9; e++) std::fill_n(scratch->rotation + kWideLanes * e, kWideLanes, R[e]);
   for (size_t b = 0; b < batches.size(); b++) {
-    AddBatch(batches[b], moduli ? moduli[b] : batches[b].moduli, x, scratch, force, stiffness, enlarged);
+    AddBatch(batches[b], moduli ? moduli[b] : batches[b].moduli, x, scratch, wanted);
   }
 }
 

@@ -14,6 +14,7 @@ Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& 
       scaled_(model.factors, 1.0),
       stiffness_(9 * pairs.size()),
       enlarged_(model.enlarges ? 9 * pairs.size() : 0) {
+  rotation_.resize(model.regions.size());
   if (model.factors == 1) return;
   for (const RegionBatch& batch : model.batches) moduli_.push_back(batch.moduli);
   size_t most = 0;
@@ -53,8 +54,7 @@ void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* forc
   std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
   std::fill(enlarged_.begin(), enlarged_.end(), 0.0);
   double* K = stiffness ? stiffness_.data() : nullptr;
-  AddBatches(model_.batches, apart_ ? moduli_.data() : nullptr, x, &batch_scratch_, force->data(), K,
-             enlarged_.empty() ? nullptr : enlarged_.data());
+  AddRegions(x, {.force = force->data(), .stiffness = K, .enlarged = K && model_.enlarges ? enlarged_.data() : nullptr});
   AddQuadrature(model_.quadrature, x, &quadrature_scratch_, force->data(), K);
   if (!model_.quadrature.empty() && !enlarged_.empty()) {
     std::transform(stiffness_.begin(), stiffness_.end(), enlarged_.begin(),
@@ -91,15 +91,20 @@ void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict forc
 
 double Elasticity::Energy(const Vec3* x) {
   double energy = 0;
-  Mat3 R = kIdentity;  // neighbouring regions turn alike, so each starts its rotation from the one before
-  for (const Region& region : model_.regions) {
-    R = RegionRotation(region, x, R);
-    energy += RegionEnergy(region, x, R, ScaledStiffness(region), apart_ ? scaled_.data() : nullptr);
-  }
+  AddRegions(x, {.energy = &energy});
   for (size_t e = 0; e < model_.quadrature.size(); e++) {
     energy += QuadratureEnergy(model_.quadrature, e, x, &quadrature_scratch_);
   }
   return factor_ * energy;
+}
+
+const std::vector<Mat3>& Elasticity::Rotations(const Vec3* x) {
+  AddRegions(x, {.rotation = rotation_.data()});
+  return rotation_;
+}
+
+void Elasticity::AddRegions(const Vec3* x, const Wanted& wanted) {
+  AddBatches(model_.batches, apart_ ? moduli_.data() : nullptr, x, &batch_scratch_, wanted);
 }
 
 const Region& Elasticity::FindRegion(int number) const {

@@ -46,9 +46,13 @@ class Elasticity {
   // The region of this number, which has to be there; not of a law at quadrature points.
   const Region& FindRegion(int number) const;
 
+  // R of each of these regions, by their numbers.
+  const std::vector<Mat3>& Rotations(const Vec3* x);
+
  private:
   // K_e of a region with the factors of today (3m × 3m).
   const double* ScaledStiffness(const Region& region);
+  void AddRegions(const Vec3* x, const Wanted& wanted);
 
   const ElasticModel& model_;
   const std::vector<PointPair>& pairs_;
@@ -60,6 +64,7 @@ class Elasticity {
   std::vector<RegionBatch::Moduli> moduli_;  // of the model's batches, with these; none where there is one material
   std::vector<double> matrix_;               // K_e of a region with these [N/m], for the largest
   std::vector<double> rows_;                 // scratch memory for it
+  std::vector<Mat3> rotation_;               // R of each region
   std::vector<double> stiffness_;            // K, 3×3 row-major block a pair
   std::vector<double> enlarged_;             // empty where d->M has room for K
 };

@@ -14,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "6";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "7";  // of the attributes; a model written by another version is refused
 
 constexpr char kRegionMismatch[] = "its region arrays do not match each other";
 
@@ -62,7 +62,7 @@ std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>*
   return couplings;
 }
 
-// What regions with a second choice of gradients need to know of the body's frames.
+// What regions of several frames need to know of these.
 struct FrameGradients {
   std::vector<int32_t> size;   // control points of each frame
   std::vector<int32_t> frame;  // of each control point         (k)
@@ -90,23 +90,39 @@ FrameGradients ReadFrameGradients(size_t points, Reader* reader) {
   return frames;
 }
 
-// ĝ of a region, none where that is zero, with its frames' own gradients.
-void AddFallback(const FrameGradients& frames, const std::vector<Vec3>& fallback, Region* region, Reader* reader) {
-  if (std::all_of(fallback.begin(), fallback.end(), [](const Vec3& g) { return g == Vec3{}; })) return;
-  region->fallback = fallback;
-  region->shows -= frames.size[frames.frame[region->point.back()]];
+// Whether Σ_j x̄_j g_jᵀ of the points from `begin` on is the identity, as it is where they reach along all axes.
+bool ShowsAll(const std::vector<Vec3>& rest, const std::vector<Vec3>& gradient, int begin, int end) {
+  Mat3 F{};
+  for (int j = begin; j < end; j++) {
+    for (int e = 0; e < 9; e++) F[e] += rest[j][e / 3] * gradient[j][e % 3];
+  }
+  double off = 0;
+  for (int e = 0; e < 9; e++) off = std::max(off, std::abs(F[e] - kIdentity[e]));
+  return off < kSameShape;
+}
+
+// The gradients of a region's frames, where it has several.
+void AddFrames(const FrameGradients& frames, Region* region, Reader* reader) {
+  std::vector<Vec3> own;
+  std::vector<int32_t> ends;
   for (int j = 0; j < region->size();) {
     const int32_t frame = frames.frame[region->point[j]];
-    const int end = j + frames.size[frame];
-    bool whole = end <= region->size(), turns = false;
+    const int begin = j, end = j + frames.size[frame];
+    bool whole = end <= region->size();
     for (; whole && j < end; j++) {
       whole = frames.frame[region->point[j]] == frame;
-      region->own.push_back(frames.own[region->point[j]]);
-      turns = turns || region->own.back() != Vec3{};
+      own.push_back(frames.own[region->point[j]]);
     }
     if (!reader->Check(whole, "a region has not all control points of a frame")) return;
-    if (turns) region->frame_end.push_back(end);
+    if (ShowsAll(region->rest, own, begin, end)) {
+      ends.push_back(end);
+    } else {
+      std::fill(own.begin() + begin, own.end(), Vec3{});
+    }
   }
+  if (ends.empty() || ends.front() == region->size()) return;
+  region->own = std::move(own);
+  region->frame_end = std::move(ends);
 }
 
 // Which factor each material follows.  constants: how many the laws have of all of them.
@@ -159,13 +175,8 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     own = reader->ArrayOr<int32_t>("region_own", 0, couplings.size());
     share = reader->Array<double>("region_share");
   }
-  std::vector<double> fallback;
   FrameGradients frames;
-  if (reader->Has("region_fallback")) {
-    fallback = reader->Array<double>("region_fallback");
-    frames = ReadFrameGradients(points.size(), reader);
-    reader->Check(fallback.size() == gradient.size(), kRegionMismatch);
-  }
+  if (reader->Has("frame_size")) frames = ReadFrameGradients(points.size(), reader);
   if (!reader->ok()) return {};
   size_t p = 0, s = 0, t = 0;
   std::vector<Region> regions;
@@ -183,10 +194,10 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     Vec3 mean{};
     for (const int32_t j : region.point) mean = mean + (1.0 / m) * points[j].rest;
     region.gradient = Vectors(gradient, p, m);
-    region.shows = m;
-    if (!fallback.empty()) AddFallback(frames, Vectors(fallback, p, m), &region, reader);
-    if (!reader->ok()) return {};
     for (int j = 0; j < m; j++) region.rest.push_back(points[region.point[j]].rest - mean);
+    region.solid = ShowsAll(region.rest, region.gradient, 0, m);
+    if (!frames.size.empty()) AddFrames(frames, &region, reader);
+    if (!reader->ok()) return {};
     region.stiffness.resize(n * n);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {

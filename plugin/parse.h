@@ -28,7 +28,6 @@ inline constexpr const char* kSoftAttributes[] = {
     "region_size",
     "region_point",
     "region_gradient",
-    "region_fallback",
     "frame_size",
     "frame_gradient",
     "region_stiffness",

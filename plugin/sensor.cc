@@ -140,7 +140,7 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
 }
 
 // In the soft body's own axes.
-PointState Sensor::StateOf(const SoftBody& body, size_t n) {
+PointState Sensor::StateOf(const SoftBody& body, const std::vector<Mat3>& rotation, size_t n) {
   const std::vector<Vec3>& x = body.kinematics().x();
   const Sample& sample = samples_[n];
   PointState state{};
@@ -150,7 +150,7 @@ PointState Sensor::StateOf(const SoftBody& body, size_t n) {
   }
   const Region& region = body.elasticity().FindRegion(sample.region);
   const int m = region.size();
-  const Mat3 R = RegionRotation(region, x.data(), kIdentity);
+  const Mat3 R = rotation[sample.region];
   Vec3 mean{};
   for (const int32_t j : sample.point) mean = mean + (1.0 / m) * x[j];
   Mat3 slope{}, lifted{};
@@ -190,8 +190,9 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
   if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
   const Mat3 axes = body->kinematics().Axes(d);
   const std::vector<double>& factors = body->scaling().stiffness;
+  const std::vector<Mat3>* rotation = samples_.empty() ? nullptr : &body->RegionRotations();
   for (size_t n = 0; n < samples_.size(); n++, out += kKinds[quantity_].size) {
-    PointState state = StateOf(*body, n);
+    PointState state = StateOf(*body, *rotation, n);
     const double factor = factors[std::clamp<int>(samples_[n].factor, 0, static_cast<int>(factors.size()) - 1)];
     state.energy *= factor;
     for (double& stress : state.cauchy) stress *= factor;

@@ -51,7 +51,7 @@ class Sensor {
   Sensor() = default;
 
   void ReadSamples(const mjModel* m, Reader* reader);
-  PointState StateOf(const SoftBody& body, size_t n);
+  PointState StateOf(const SoftBody& body, const std::vector<Mat3>& rotation, size_t n);
 
   int quantity_ = 0;                          // place in the table of quantities
   int soft_ = -1;                             // the soft body's plugin instance

@@ -1,23 +1,16 @@
-"""Corotational elasticity of a region, written as its equations (the paper, §5.2, with the exact rotation gradient).
+"""Corotational elasticity of a region, written as its equations (the paper, §5.2, with the rotation of least energy).
 
-    y_j = Rᵀ x_j − x̄_j              R: the proper rotation closest to F = Σ_j x_j g_jᵀ
-    W   = ½ yᵀ K_e y                 energy [J]
-    f   = −R Pᵀ K_e y                force [N], the exact −∂W/∂x while R is well determined (λ = 0, θ = 1)
-    K   = (2 − θ) R Pᵀ K_e P Rᵀ      stiffness of a step [N/m], positive semi-definite; Gauss–Newton's for θ = 1
+    W   = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − OPPOSED)₋|²,   y_j = Rᵀ x_j − x̄_j
+    f   = −R ∂W/∂y                        force [N], the exact −∂W/∂x
+    K   = R (H − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ        stiffness of a step [N/m], positive semi-definite: H = ∂²W/∂y² at fixed R, U = H Z
 
-The gradients g are the region's own, ḡ, unless it is what one frame, the child, adds to other frames, its parents:
-
-    g   = θ ḡ + (1 − θ) ĝ            ĝ: of the parents' points alone
-    θ   = smoothstep((e − OPPOSED) / (AGREEING − OPPOSED))
-    e   = min λ_min(sym(R₀ᵀ F))      over F₀ = Σ_j x_j ḡ_jᵀ and F_p = Σ_j x_j g°_jᵀ of each frame p; R₀ closest to F₀
-
-Given the parents' rotation the energy is a convex quadratic of the child's points, so that a child that was turned over
-or inside out finds back. e is 1 at rest; how x changes θ is left out of f and K, as it is for λ.
+F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p that of one of the frames that it has, λ(·) an eigenvalue. κ makes R
+well determined: K_e at rest does not know it. φ keeps frames from opposing their region and is zero in ordinary states.
+As the least of smooth functions of x, W is continuous, and has the gradient of the one that is least.
 
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 
-    W   = ½ yᵀ K_e y + Σ_q V_q ψ(F_q),   F_q = I + E_q y
-    f   = −R Pᵀ (K_e y + Σ_q V_q E_qᵀ P(F_q)),   K_e + Σ_q V_q E_qᵀ (∂P/∂F) E_q for K_e in K, ∂P/∂F projected
+    ½ yᵀ K_e y + Σ_q V_q ψ(F_q),   F_q = I + E_q y      in place of ½ yᵀ K_e y
 
 The plugin computes the same inside `mj_step`; this module is what the views read and what the plugin is tested against.
 Shapes: x, rest, gradient (m, 3); K_e (3m, 3m), y (3m,), E_q (9, 3m), degrees of freedom point by point.
@@ -26,17 +19,23 @@ Shapes: x, rest, gradient (m, 3); K_e (3m, 3m), y (3m,), E_q (9, 3m), degrees of
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.elasticity.laws import LawParameters, energy, projected_hessian, stress
+from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_hessian, stress
 
 # each as in plugin/, where they are explained
-AGREEING, OPPOSED = 0.4, 0.1  # [-] e above which θ is 1 and below which it is 0
-SOFT_TWIST, SOFT_TWIST_APART = 0.1, 1.0  # [-] h_min below which the shape as it is shows how it turns, for θ = 1 and 0
-FLAT, TINY = 1e-3, 1e-15  # [-], [m²] of a shape's second moments
-SINGULAR = 1e-8  # [-] of A Z
+OPPOSED = 0.4  # [-] eigenvalue of sym Rᵀ F_p below which a frame opposes its region
+TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 3.0  # [-] of κ and φ, to the mean stiffness against shear
+SHOWN = 1e-3  # [-] by which a gradient at rest may miss the identity
+STEPS, HALVINGS, CLOSE = 60, 30, 1e-9  # of Newton's method for R; [rad] a step that ends it
+DESCENT = 1e-4  # [-] of the expected descent that a step has to find
+TRUST = 0.7  # [rad] longest step
+SINGULAR = 1e-8  # [-] of Zᵀ U
+
+CROSS = np.array([[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]])
 
 
 def closest_rotation(deformation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -48,29 +47,37 @@ def closest_rotation(deformation: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def cross_stack(z: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Z (3m, 3) with (Z a)_j = a × z_j, for z (m, 3)."""
-    stack = np.zeros((len(z), 3, 3))
-    stack[:, 0, 1], stack[:, 0, 2] = z[:, 2], -z[:, 1]
-    stack[:, 1, 0], stack[:, 1, 2] = -z[:, 2], z[:, 0]
-    stack[:, 2, 0], stack[:, 2, 1] = z[:, 1], -z[:, 0]
-    return stack.reshape(-1, 3)
+    return np.einsum("cab,jb->jac", CROSS, z).reshape(-1, 3)
 
 
-def smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
-    """Return the smallest eigenvalue of the symmetric part of a matrix (3, 3)."""
-    return float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0])
+def turned(rotation: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R turned by a (3,) [rad] in its own axes, by Cayley's map."""
+    q = 0.5 * np.tensordot(turn, CROSS, 1)
+    return rotation @ (np.eye(3) + 2 / (1 + 0.25 * turn @ turn) * (q + q @ q))
 
 
-def trust(agreement: float) -> float:
-    """Return θ [-], how much a region's own gradients count, for e."""
-    t = min(max((agreement - OPPOSED) / (AGREEING - OPPOSED), 0.0), 1.0)
-    return t * t * (3 - 2 * t)
+def opposition(stretch: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Return ½ |(λ(sym S) − OPPOSED)₋|² of S (3, 3), its slope (3, 3) and curvature (9, 9) in S."""
+    value, vector = np.linalg.eigh(0.5 * (stretch + stretch.T))
+    below = np.minimum(value - OPPOSED, 0)
+    curvature = np.zeros((9, 9))
+    for n in range(3):
+        for k in range(3):
+            apart = value[n] - value[k]
+            secant = (below[n] - below[k]) / apart if abs(apart) > 1e-12 else float(below[n] < 0)
+            mode = np.outer(vector[:, n], vector[:, k])
+            mode = 0.5 * (mode + mode.T).ravel()
+            curvature += secant * np.outer(mode, mode)
+    return 0.5 * float(below @ below), (vector * below) @ vector.T, curvature
 
 
-def shape_gradient(z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return gradients (m, 3) [1/m] of a shape as it is now: N (z_j − c), N = (Σ_j (z_j − c)(z_j − c)ᵀ)⁻¹, c a mean."""
-    offset = z - z.mean(axis=0)
-    moment = offset.T @ offset
-    return offset @ np.linalg.inv(moment + (FLAT * np.trace(moment) + TINY) * np.eye(3))
+def shear_stiffness(rest: NDArray[np.float64], stiffness: NDArray[np.float64]) -> float:
+    """Return the mean of K_e's eigenvalues [J] on the five motions x̄_j → G x̄_j, |G| = 1, that keep the volume."""
+    offset = rest - rest.mean(axis=0)
+    blocks = stiffness.reshape(len(rest), 3, len(rest), 3)
+    motions = np.einsum("ja,kb,jckd->cadb", offset, offset, blocks, optimize=True)  # of G ⊗ G
+    same, swapped, trace = (np.einsum(text, motions) for text in ("caca", "caac", "aacc"))
+    return max(0.0, float(0.5 * (same + swapped) - trace / 3) / 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,33 +99,6 @@ class LawCell:
 
 
 @dataclass(frozen=True, eq=False)
-class Fallback:
-    """What a region turns by where its frames disagree.
-
-    gradient: ĝ (m, 3) [1/m], 0 for the child's points.
-    own: g° (m, 3) [1/m], 0 for frames that have none.
-    frame: (m,) of each point, the child last.
-    """
-
-    gradient: NDArray[np.float64]
-    own: NDArray[np.float64]
-    frame: NDArray[np.int64]
-
-    def agreement(self, x: NDArray[np.float64], gradient: NDArray[np.float64]) -> float:
-        """Return e [-] with the points at x (m, 3) [m]; gradient: ḡ (m, 3) [1/m]."""
-        deformation = x.T @ gradient
-        back = closest_rotation(deformation).T
-        frames = (self.frame == i for i in np.unique(self.frame))
-        of_frames = (x[some].T @ self.own[some] for some in frames if self.own[some].any())
-        return min(smallest_eigenvalue(back @ some) for some in (deformation, *of_frames))
-
-    @property
-    def parents(self) -> int:
-        """Return how many points are the parents', which come first."""
-        return int((self.frame != self.frame[-1]).sum())
-
-
-@dataclass(frozen=True, eq=False)
 class CorotationalRegion:
     """A region with corotational elasticity.
 
@@ -126,7 +106,7 @@ class CorotationalRegion:
     rest: x̄ (m, 3) [m].
     gradient: ḡ (m, 3) [1/m].
     stiffness: K_e [N/m].
-    fallback: None where ḡ stands alone.
+    frames: (m, 3) gradients of each of its frames [1/m], 0 on the others' points; none of a region of one frame.
     cells: of a hyperelastic law, of which K_e is what remains.
     """
 
@@ -134,65 +114,126 @@ class CorotationalRegion:
     rest: NDArray[np.float64]
     gradient: NDArray[np.float64]
     stiffness: NDArray[np.float64]
-    fallback: Fallback | None = None
+    frames: tuple[NDArray[np.float64], ...] = ()
     cells: tuple[LawCell, ...] = ()
 
-    def effective_gradient(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Return θ [-] and g (m, 3) [1/m] with the region's control points at x (m, 3) [m]."""
-        if self.fallback is None:
-            return 1.0, self.gradient
-        theta = trust(self.fallback.agreement(x, self.gradient))
-        return theta, theta * self.gradient + (1 - theta) * self.fallback.gradient
+    @cached_property
+    def shown(self) -> list[NDArray[np.float64]]:
+        """Return the gradients (m, 3) that may oppose: ḡ and those of the frames that tell all of F."""
+        some = [self.gradient, *(self.frames if len(self.frames) > 1 else ())]
+        offset = self.rest - self.rest.mean(axis=0)
+        return [g for g in some if np.abs(offset.T @ g - np.eye(3)).max() < SHOWN]
+
+    @cached_property
+    def shear(self) -> float:
+        """Return the mean stiffness against shear [J], of which κ and φ are multiples."""
+        cells = sum(2 * c.volume * float(hessian(c.law, np.eye(3)[None])[0][1, 1]) for c in self.cells)
+        return shear_stiffness(self.rest, self.stiffness) + cells
+
+    @cached_property
+    def firm(self) -> NDArray[np.float64]:
+        """Return K_e with what κ adds (3m, 3m) [N/m]."""
+        g = self.gradient
+        skew = np.einsum("jc,kc,ab->jakb", g, g, np.eye(3)) - np.einsum("jb,ka->jakb", g, g)
+        return self.stiffness + 0.5 * TWIST_FIRMNESS * self.shear * skew.reshape(self.stiffness.shape)
 
     def rotation(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return R (3, 3)."""
-        return closest_rotation(x.T @ self.effective_gradient(x)[1])
+        """Return R (3, 3), the rotation of least energy."""
+        start = closest_rotation(x.T @ self.gradient)
+        least, best = self._descend(x, start)
+        z = x @ best
+        stretches = [z.T @ g for g in self.shown]
+        if all(np.linalg.eigvalsh(0.5 * (S + S.T))[0] >= OPPOSED for S in stretches):
+            return best
+        starts = [start @ np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
+        for some in starts + [closest_rotation(x.T @ g) for g in self.shown]:
+            found, rotation = self._descend(x, some)
+            if found < least:
+                least, best = found, rotation
+        return best
 
     def spin(self, x: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ω (3,) [rad/s], dR/dt = R [ω]×, while the region's points at x (m, 3) [m] move by v (m, 3) [m/s].
 
-        With S = RᵀF, ω solves (tr(S) 1 − S) ω = axial(RᵀḞ − ḞᵀR); how θ changes is left out.
+        The torque Zᵀ ∂W/∂y stays zero: with w = ∂W/∂y, z = Rᵀx and u = Rᵀv, (Zᵀ H Z + T) ω = Zᵀ H u + Σ_j u_j × w_j.
         """
-        gradient = self.effective_gradient(x)[1]
-        rotation = closest_rotation(x.T @ gradient)
-        stretch, rate = rotation.T @ x.T @ gradient, rotation.T @ v.T @ gradient
-        axial = np.array([rate[2, 1] - rate[1, 2], rate[0, 2] - rate[2, 0], rate[1, 0] - rate[0, 1]])
-        twist = np.trace(stretch) * np.eye(3) - 0.5 * (stretch + stretch.T)
-        return np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True) @ axial
+        rotation = self.rotation(x)
+        z, u = self._centred(x) @ rotation, self._centred(v) @ rotation
+        _, slope, curvature = self._energy(z)
+        stack = cross_stack(z)
+        moment = stack.T @ curvature @ u.ravel() + np.cross(u, slope.reshape(-1, 3)).sum(axis=0)
+        return np.linalg.pinv(self._twist(z, slope, curvature), rcond=SINGULAR, hermitian=True) @ moment
 
     def energy(self, x: NDArray[np.float64]) -> float:
-        """Return ½ yᵀ K_e y + Σ_q V_q ψ(F_q) [J]."""
-        _, _, y = self._strain(x, self.effective_gradient(x)[1])
-        cells = sum(c.volume * float(energy(c.law, c.deformation(y))[0]) for c in self.cells)
-        return 0.5 * float(y @ self.stiffness @ y) + cells
+        """Return W [J]."""
+        return self._energy(self._centred(x) @ self.rotation(x))[0]
 
     def response(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return elastic force (m, 3) [N] and stiffness of a step (3m, 3m) [N/m]."""
-        theta, gradient = self.effective_gradient(x)
-        rotation, z, y = self._strain(x, gradient)
-        stretch = z.T @ gradient
-        twist = smallest_eigenvalue(np.trace(stretch) * np.eye(3) - stretch)
-        h = gradient.copy()
-        shows = self.fallback.parents if self.fallback else None  # so many points, the first ones, show how it turns
-        soft = theta * SOFT_TWIST + (1 - theta) * SOFT_TWIST_APART
-        h[:shows] += max(0.0, soft - twist) / soft * shape_gradient(z[:shows])
+        rotation = self.rotation(x)
+        z = self._centred(x) @ rotation
+        _, slope, curvature = self._energy(z, projected=True)
         stack = cross_stack(z)
-        row = cross_stack(-h).reshape(-1, 3, 3).transpose(1, 0, 2).reshape(3, -1)
-        inverse = np.linalg.pinv(row @ stack, rcond=SINGULAR)  # points on a line can turn about it unseen
-        projection = np.eye(x.size) - stack @ inverse @ row
+        product = curvature @ stack
+        inverse = np.linalg.pinv(stack.T @ product, rcond=SINGULAR, hermitian=True)
+        slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
         turn = np.kron(np.eye(len(x)), rotation)
-        stiffness, slope = self.stiffness, self.stiffness @ y
+        return -(turn @ slope).reshape(-1, 3), turn @ (curvature - product @ inverse @ product.T) @ turn.T
+
+    def _energy(
+        self, z: NDArray[np.float64], projected: bool = False
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """W [J] as a function of z = Rᵀ x (m, 3), centred, at fixed R, with its slope (3m,) and curvature (3m, 3m)."""
+        y = (z - self._centred(self.rest)).ravel()
+        slope, curvature = self.firm @ y, self.firm.copy()
+        total = 0.5 * float(y @ slope)
+        for gradient in self.shown:
+            of, by_stretch, change = opposition(z.T @ gradient)
+            if not of:
+                continue
+            firmness = OPPOSED_FIRMNESS * self.shear
+            total += firmness * of
+            slope = slope + firmness * (gradient @ by_stretch).ravel()
+            blocks = np.einsum("ja,racb,kb->jrkc", gradient, change.reshape(3, 3, 3, 3), gradient)
+            curvature += firmness * blocks.reshape(curvature.shape)
         for cell in self.cells:
             F = cell.deformation(y)
+            total += cell.volume * float(energy(cell.law, F)[0])
             slope = slope + cell.volume * cell.slope.T @ stress(cell.law, F).ravel()
-            stiffness = stiffness + cell.volume * cell.slope.T @ projected_hessian(cell.law, F)[0] @ cell.slope
-        force = -turn @ projection.T @ slope
-        return force.reshape(-1, 3), (2 - theta) * turn @ projection.T @ stiffness @ projection @ turn.T
+            H = (projected_hessian if projected else hessian)(cell.law, F)[0]
+            curvature += cell.volume * cell.slope.T @ H @ cell.slope
+        return total, slope, curvature
 
-    def _strain(
-        self, x: NDArray[np.float64], gradient: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """R (3, 3), z (m, 3) and y (3m,), both centred, for g."""
-        rotation = closest_rotation(x.T @ gradient)
-        z = (x - x.mean(axis=0)) @ rotation
-        return rotation, z, (z - (self.rest - self.rest.mean(axis=0))).ravel()
+    def _twist(
+        self, z: NDArray[np.float64], slope: NDArray[np.float64], curvature: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Zᵀ H Z + T (3, 3): the curvature of W in how R turns."""
+        stack = cross_stack(z)
+        moments = z.T @ slope.reshape(-1, 3)
+        return stack.T @ curvature @ stack + 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
+
+    def _descend(self, x: NDArray[np.float64], rotation: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """The least W [J] near a rotation, and where it is."""
+        x = self._centred(x)
+        total, slope, curvature = self._energy(x @ rotation)
+        for _ in range(STEPS):
+            z = x @ rotation
+            torque = -cross_stack(z).T @ slope
+            value, axes = np.linalg.eigh(self._twist(z, slope, curvature))
+            size = np.maximum(np.abs(value), 1e-6 * np.abs(value).max() + 1e-300)
+            turn = -axes @ (axes.T @ torque / size)
+            turn *= min(1.0, TRUST / max(np.linalg.norm(turn), 1e-300))
+            for _ in range(HALVINGS):
+                after = turned(rotation, turn)
+                found = self._energy(x @ after)
+                if np.linalg.norm(turn) < CLOSE or found[0] <= total + DESCENT * turn @ torque:
+                    break
+                turn *= 0.5
+            rotation, (total, slope, curvature) = after, found
+            if np.linalg.norm(turn) < CLOSE:
+                break
+        return total, rotation
+
+    @staticmethod
+    def _centred(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return x - x.mean(axis=0)

@@ -7,13 +7,11 @@ fits to the points at rest, X_j:
     g°_j = A_p⁺ (X_j − c_p)                   of frame p alone: A_p = Σ_j (X_j − c_p)(X_j − c_p)ᵀ, c_p = mean of X_j
     ḡ_j  = ½ g°_j                              on the child's points
     ḡ_j  = ½ (κ_p / Σ_q κ_q) g°_j              on parent p's points, κ_p = Σ |K_e| over the block (child, p)
-    ĝ_j  = A⁺ (X_j − c)                        over all the parents' points together, 0 on the child's
 
 so that the rotation of a bent region is halfway between the child and the parents that it is coupled to. A root has its
 own g°. A frame of one point has no g°: where a region has such a frame, ḡ is the fit to all its points, with the same
 weights of the frames. That takes three points to fix a rotation; about the line of two, and about one, no K_e answers
-to a turn. ĝ is zero where the parents' points lie on a line, as any turn about it would do, and where a region with
-single points lies in a plane, as nothing is turned over there.
+to a turn.
 
 Shapes: X, gradients (m, 3), K_e (3m, 3m), frame (m,) the frame of each point. [m], [1/m], [N/m]
 """
@@ -31,7 +29,6 @@ from mjframes.kinematics.control import ControlPoints
 Array = NDArray[np.float64]
 
 FLAT = 1e-9  # [-] second moment along an axis, to the largest: the points do not reach along it
-SOLID = 0.1  # [-] how far single points have to reach along each axis, to the longest, so that F shows them turned over
 
 
 def fitted_gradient(rest: Array, weight: Array) -> Array:
@@ -71,26 +68,8 @@ def region_gradient(rest: Array, frame: NDArray[np.int64], stiffness: Array) -> 
     return shares[:, None] * frame_gradients(rest, frame)
 
 
-def fallback_gradient(rest: Array, frame: NDArray[np.int64]) -> Array:
-    """Return ĝ (m, 3) of a region, 0 where it has no parents or no use for it."""
-    parents = frame != frame[-1]
-    flat = (np.bincount(frame)[frame] == 1).any() and _reach(rest)[2] < SOLID
-    fallback = np.zeros_like(rest)
-    if not flat and _reach(rest[parents])[1] > FLAT**0.5:
-        fallback[parents] = fitted_gradient(rest[parents], np.ones(parents.sum()))
-    return fallback
-
-
-def _reach(rest: Array) -> Array:
-    """(3,) how far points (m, 3) reach along their principal axes, to the longest [-]; 0 for one point or none."""
-    if len(rest) < 2:
-        return np.zeros(3)
-    size = np.linalg.svd(rest - rest.mean(axis=0), compute_uv=False)
-    return np.append(size / size[0], np.zeros(3 - len(size)))
-
-
 def with_rotations(stiffness: Stiffness, control: ControlPoints) -> Stiffness:
-    """Return the same with ḡ and ĝ of every region, for one region a frame."""
+    """Return the same with ḡ of every region, for one region a frame."""
     parts = [
         (control.rest[points], control.frame[points], matrix)
         for points, matrix in zip(stiffness.points, stiffness.matrix, strict=True)
@@ -98,5 +77,4 @@ def with_rotations(stiffness: Stiffness, control: ControlPoints) -> Stiffness:
     return replace(
         stiffness,
         gradient=tuple(region_gradient(*part) for part in parts),
-        fallback=tuple(fallback_gradient(rest, frame) for rest, frame, _ in parts),
     )

@@ -35,7 +35,6 @@ class Stiffness:
     gradient: (m, 3) ḡ_j that show how it is turned [1/m]: mean of ∇W_j by E dV, or as in rotations.py.
     matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
     volume: (r,) [m³].
-    fallback: (m, 3) ĝ_j that turn it where its frames disagree [1/m], 0 for regions without; empty where all are.
     shares: (p, 3o, 3m) what each material but the last has of the rows of the last o points [N/m], see shares.py.
     """
 
@@ -43,7 +42,6 @@ class Stiffness:
     gradient: tuple[NDArray[np.float64], ...]
     matrix: tuple[NDArray[np.float64], ...] = field(metadata={"symmetric": True})
     volume: NDArray[np.float64]
-    fallback: tuple[NDArray[np.float64], ...] = ()
     shares: tuple[NDArray[np.float64], ...] = ()
 
     @property

@@ -35,7 +35,6 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "region_size",
     "region_point",
     "region_gradient",
-    "region_fallback",
     "frame_size",
     "frame_gradient",
     "region_stiffness",
@@ -137,22 +136,11 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
         shows_rotations(gradient, rest[points])
         for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
     ]
-    values = {
+    return {
         "region_gradient": encode(np.concatenate(gradients)),
         "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in matrices])),
-    }
-    if not stiffness.fallback:
-        return values
-    frame = body.control.frame
-    fallbacks = [gradient.copy() for gradient in stiffness.fallback]
-    for points, gradient in zip(stiffness.points, fallbacks, strict=True):
-        if gradient.any():
-            parents = frame[points] != frame[points[-1]]
-            gradient[parents] = shows_rotations(gradient[parents], rest[points[parents]])
-    return values | {
-        "region_fallback": encode(np.concatenate(fallbacks)),
-        "frame_size": encode(np.bincount(frame)),
-        "frame_gradient": encode(frame_gradients(rest, frame)),
+        "frame_size": encode(np.bincount(body.control.frame)),
+        "frame_gradient": encode(frame_gradients(rest, body.control.frame)),
     }
 
 

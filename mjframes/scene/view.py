@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from mjframes.base.errors import MjframesError
 from mjframes.base.packing import triangles
 from mjframes.body.soft_body import SoftBody
-from mjframes.elasticity.corotational import CorotationalRegion, Fallback, LawCell
+from mjframes.elasticity.corotational import CorotationalRegion, LawCell
 from mjframes.elasticity.hyperelastic import HyperelasticRegion
 from mjframes.elasticity.laws import LawParameters, law_of_constants
 from mjframes.elasticity.shares import scaled
@@ -66,10 +66,10 @@ class Soft:
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
             cells = self._cells_of(self._laws if "law_constants" in self.configuration else ())
-            parts = zip(self._points, gradients, matrices, self._fallbacks, cells, strict=True)
+            parts = zip(self._points, gradients, matrices, self._frames, cells, strict=True)
             return [
-                CorotationalRegion(points, self.rest[points], gradient, matrix, fallback, own)
-                for points, gradient, matrix, fallback, own in parts
+                CorotationalRegion(points, self.rest[points], gradient, matrix, frames, own)
+                for points, gradient, matrix, frames, own in parts
             ]
         laws = self._laws
         count = decode(self.configuration["quadrature_count"]).astype(int)
@@ -137,17 +137,14 @@ class Soft:
         ]
 
     @property
-    def _fallbacks(self) -> list[Fallback | None]:
-        """Of each region, None for those that have none."""
-        if "region_fallback" not in self.configuration:
-            return [None] * len(self._sizes)
-        gradients = np.split(decode(self.configuration["region_fallback"]).reshape(-1, 3), self._ends)
+    def _frames(self) -> list[tuple[np.ndarray, ...]]:
+        """Gradients (m, 3) of each region's frames, 0 on the points of the others."""
         own = decode(self.configuration["frame_gradient"]).reshape(-1, 3)
         size = decode(self.configuration["frame_size"]).astype(int)
         frame = np.repeat(np.arange(len(size)), size)
         return [
-            Fallback(gradient, own[points], frame[points]) if gradient.any() else None
-            for points, gradient in zip(self._points, gradients, strict=True)
+            tuple(np.where((frame[points] == i)[:, None], own[points], 0) for i in dict.fromkeys(frame[points]))
+            for points in self._points
         ]
 
     @cached_property

@@ -1,0 +1,57 @@
+// How a region turns: the rotation of least energy (corotational.h), searched for among all.
+//
+// With z_j = R₀ᵀ x_j for some rotation R₀ and R = R₀ D, D = 1 + Δ, strains are linear in Δ and the energy of a region is
+//
+//   E(D) = ½ Δ·A Δ + b·Δ + φ/2 Σ_p |(λ(sym Dᵀ S_p) − kOpposed)₋|² + Σ_q V_q ψ(F_q + M_q Δ)
+//
+// but for a constant. Newton's method on SO(3), D ← D exp([a]×), from several rotations; the least of what it finds.
+//
+// Index letters: r, s rows of D; a, b its columns; entry 3r + a of Δ.
+
+#ifndef MJFRAMES_PLUGIN_TURN_H_
+#define MJFRAMES_PLUGIN_TURN_H_
+
+#include <vector>
+
+#include "laws/laws.h"
+#include "linear.h"
+#include "simd.h"
+
+namespace mjframes {
+
+// Four cells of a hyperelastic law side by side; those without volume fill up.
+struct TurnCells {
+  Lanes F[9];       // F_q for Δ = 0 [-]
+  Lanes slope[81];  // M_q [-], row by row
+  Lanes volume;     // V_q [m³]
+  LawParameters material[kLanes];
+};
+
+// The terms of E; memory for the largest region of a body, allocated once.
+struct Turn {
+  double curvature[81];          // A [J]
+  double slope[9];               // b [J]
+  double firmness;               // φ [J]
+  int frames = 0;                // of `frame` that count
+  std::vector<Mat3> frame;       // S_p
+  Law law;                       // of the cells
+  int groups = 0;                // of `cells` that count
+  std::vector<TurnCells> cells;  //
+};
+
+// What keeps a frame from opposing its region: its energy for S, its slope P in S and how P changes, C (9 × 9).
+struct Opposition {
+  double energy;
+  Mat3 slope;
+  double curvature[81];
+};
+
+// False, and nothing else, where no eigenvalue of sym S is below kOpposed. firmness: φ [J].
+bool Opposes(const Mat3& S, double firmness, Opposition* of);
+
+// Δ of least energy. everywhere: not only near D = 1.
+Mat3 LeastTurn(const Turn& turn, bool everywhere);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_TURN_H_
