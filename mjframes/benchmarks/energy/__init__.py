@@ -1,6 +1,6 @@
 """Energy that comes from nothing: bodies that nobody tuned, dropped, thrown, squeezed and let go.
 
-    python -m mjframes.benchmarks.energy --bodies 40
+python -m mjframes.benchmarks.energy --bodies 40
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The motions, and how much energy each makes out of nothing.
 
 dropped: on a plane, turned at random, its lowest point 10 to 15 cm above.  thrown: it flies and spins, without gravity.
-squeezed: standing along an axis of its volume between two plates without friction, to three fifths, then they are gone.  disturbed: let go from a state in which
+squeezed: standing along an axis of its volume between two plates, to three fifths, then they are gone.  disturbed: let go from a state in which
 frames are turned and moved, without gravity. Nothing is damped.
 
-Gains are relative to what moves: the energy of falling to the plane, of the throw, the largest work of the plates, the
+Gains are relative to what moves: the energy of falling to the plane, of the throw, the largest work that the plates have done, the
 elastic energy of the disturbed state. `gain` is the most by which the total energy exceeds that of the start, without
 the work of the plates; `settled` leaves out what a step's turn stretches (world.py); `motion` leaves out all of
 the elastic energy. What makes energy shows in the last two.

@@ -1,8 +1,8 @@
 """The scene of all motions: one body, a floor, two plates that move as they are told; its energy in every step.
 
 Energy is that of the mass alone, ½ q̇ᵀ M q̇, the elastic one and the potential one: two sensors of ours and MuJoCo's
-`data.energy[0]`, at the start of each step. A plate that moves by Δp in a step does the work f · Δp, f the contact force
-between it and the body: its contacts are frictionless, and `efc_force` of such a one is its normal force.
+`data.energy[0]`, at the start of each step. What plates do to the body is the work of the contacts, Σ h f_c · q̇ at the
+step's end: not their force times their own way, since MuJoCo's contacts do not know the velocity of a mocap body.
 
 A step moves points straight along the tangent. One that turns a stiff body by φ stretches it, F = I + [φ]×, by an
 elastic energy A φ⁴ that goes with the turning. `World.turning` is A, largest over the three axes.
@@ -40,10 +40,8 @@ LOOK = 50  # [steps] after which is looked whether MuJoCo has reset a state that
 
 SCENE = f"""<mujoco><option gravity="0 0 -{GRAVITY}"><flag energy="enable"/></option><worldbody>
 <geom name="{FLOOR}" type="plane" size="2 2 .1"/>
-<body name="below" mocap="true" pos="0 0 -{FAR}"><geom name="below" type="box" size="1 1 {HALF}" condim="1"
-  priority="2"/></body>
-<body name="above" mocap="true" pos="0 0 {FAR}"><geom name="above" type="box" size="1 1 {HALF}" condim="1"
-  priority="2"/></body>
+<body name="below" mocap="true" pos="0 0 -{FAR}"><geom name="below" type="box" size="1 1 {HALF}"/></body>
+<body name="above" mocap="true" pos="0 0 {FAR}"><geom name="above" type="box" size="1 1 {HALF}"/></body>
 </worldbody></mujoco>"""
 
 
@@ -97,7 +95,7 @@ class Course:
     """What a run came to; t steps.
 
     motion: (t,) kinetic and potential energy [J].  kinetic, elastic: (t,) [J].
-    work: (t,) that the plates have done until then [J].
+    work: (t,) that contacts have done until then, where there are plates [J].
     turn: (t,) by how much the body turned in that step [rad].
     finite: whether MuJoCo never reset the state.
     """
@@ -111,7 +109,7 @@ class Course:
 
     @property
     def total(self) -> Array:
-        """Return the energy (t,) without what the plates put in [J]."""
+        """Return the energy (t,) without the work of the plates [J]."""
         return self.motion + self.elastic - self.work
 
 
@@ -149,7 +147,6 @@ def run(world: World, seconds: float, plates: Plates | None = None) -> Course:
     model, data = world.model, world.data
     steps = round(seconds / model.opt.timestep)
     seen, states = np.zeros((steps, 4)), np.zeros((2, steps, model.nv))
-    geoms = [model.geom(name).id for name in PLATES]
     worked, finite, slides = 0.0, True, bool((model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).all())
     for step in range(steps):
         if slides:
@@ -158,9 +155,9 @@ def run(world: World, seconds: float, plates: Plates | None = None) -> Course:
         seen[step] = data.energy[0], worked, *data.sensordata
         faces = plates(data.time) if plates is not None else None
         there = OUT if faces is None else np.array(faces) + HALF * np.array([-1, 1])
-        if faces is not None and step > 0:
-            worked += _work(data, geoms, there - data.mocap_pos[:, 2])
         data.mocap_pos[:, 2] = there
+        if plates is not None:
+            worked += model.opt.timestep * float(data.qfrc_constraint @ data.qvel)
         if step % LOOK == LOOK - 1 and data.warning.number[DIVERGED].any():
             finite = False
             break
@@ -168,18 +165,6 @@ def run(world: World, seconds: float, plates: Plates | None = None) -> Course:
     potential, work, elastic, kinetic = seen.T
     turn = _rates(world, *states) * model.opt.timestep
     return Course(kinetic, kinetic + potential, elastic, work, turn, finite)
-
-
-def _work(data: mujoco.MjData, geoms: list[int], moves: Array) -> float:
-    """What the plates do when they move up by `moves` (2,) [m], with the contact forces of the step before [J]."""
-    contact = data.contact
-    done = 0.0
-    for geom, move in zip(geoms, moves, strict=True):
-        for side, sign in ((0, -1.0), (1, 1.0)):  # the normal points from the first geom to the second
-            rows = np.flatnonzero((contact.geom[:, side] == geom) & (contact.efc_address >= 0))
-            on_plate = sign * data.efc_force[contact.efc_address[rows]] @ contact.frame[rows, 2]
-            done -= float(on_plate) * move
-    return done
 
 
 def _rates(world: World, qpos: Array, qvel: Array) -> Array:
