@@ -1,7 +1,8 @@
 """Starts that no body should stay in, and whether it comes back: let go damped, without floor and gravity.
 
-Velocities are damped at the rate of the body's lowest vibration, as in `mjframes check`. A body is back when its surface
-is within 2 % of its size of that at rest, rigidly moved to fit. `rests` drops one and says what still moves after 5 s.
+Velocities are damped at the rate of the body's lowest vibration, as in `mjframes check`. A body is back when its
+surface is within 2 % of its size of that at rest, rigidly moved to fit. `rests` drops one and says what still moves
+after 5 s.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from mjframes.benchmarks.energy.motions import HEIGHTS
+from mjframes.benchmarks.energy.motions import HEIGHTS, above_floor
 from mjframes.benchmarks.energy.world import GRAVITY, World
 from mjframes.scene.inertia import mass_matrix
 from mjframes.scene.load import DIVERGED
@@ -88,7 +89,7 @@ def rests(world: World, seed: int) -> float:
     """Return the kinetic energy of a damped body 5 s after a fall, to that of the fall [-]."""
     world.reset(TIMESTEP, gravity=True, floor=True)
     x = world.rest @ Rotation.random(rng=np.random.default_rng(seed)).as_matrix().T
-    world.move(x + [0, 0, HEIGHTS[0] - (world.surface @ x)[:, 2].min()])
+    world.move(above_floor(world, x, HEIGHTS[0]))
     kinetic = []
     for _ in range(round(REST_SECONDS / TIMESTEP)):
         mujoco.mj_step(world.model, world.data)

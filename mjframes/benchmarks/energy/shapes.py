@@ -33,11 +33,14 @@ def drawn(name: str, seed: int) -> Inside:
 
 def _largest(inside: Inside) -> Inside:
     """The largest piece, cropped; voxels hang together by their faces."""
-    pieces, count = ndimage.label(inside)
-    sizes = np.bincount(np.ravel(pieces), minlength=count + 1)
+    pieces = np.zeros(inside.shape, np.int32)
+    ndimage.label(inside, output=pieces)
+    sizes = np.bincount(pieces.ravel(), minlength=2)
     sizes[0] = 0
     inside = pieces == sizes.argmax()
-    return inside[ndimage.find_objects(inside.astype(int))[0]]
+    where = np.argwhere(inside)
+    low, high = where.min(axis=0), where.max(axis=0) + 1
+    return inside[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
 
 
 def tray(rng: np.random.Generator, n: int) -> Inside:
@@ -75,7 +78,7 @@ def fork(rng: np.random.Generator, n: int) -> Inside:
     base = np.stack([np.full(tines, 0.5), y, np.full(tines, 0.5)], axis=1)
     handle = _capsules(n, np.array([[0.06, 0.5, 0.5]]), np.array([[0.45, 0.5, 0.5]]), np.array([0.05]))
     bridge = _capsules(n, base[:1], base[-1:], np.array([0.05]))
-    return handle | bridge | _capsules(n, base, base + [0.46, 0, 0], np.full(tines, thick))
+    return handle | bridge | _capsules(n, base, base + np.array([0.46, 0, 0]), np.full(tines, thick))
 
 
 def foam(rng: np.random.Generator, n: int) -> Inside:
@@ -83,8 +86,8 @@ def foam(rng: np.random.Generator, n: int) -> Inside:
     inside = np.ones((n, int(n * 0.8), int(n * 0.6)), bool)
     for _ in range(40):
         centre, radius = rng.uniform(0, inside.shape), n * rng.uniform(0.08, 0.17)
-        grid = np.ogrid[: inside.shape[0], : inside.shape[1], : inside.shape[2]]
-        inside &= sum((x - c) ** 2 for x, c in zip(grid, centre, strict=True)) > radius**2
+        x, y, z = np.ogrid[: inside.shape[0], : inside.shape[1], : inside.shape[2]]
+        inside &= (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 > radius**2
     return inside
 
 
@@ -129,9 +132,9 @@ def double_plate(rng: np.random.Generator, n: int) -> Inside:
 def shell(rng: np.random.Generator, n: int) -> Inside:
     """Return a closed thin-walled egg."""
     half = 0.5 * n * np.array([1, rng.uniform(0.5, 1), rng.uniform(0.4, 1)])
-    solid = _ellipsoid(half)
+    solid: Inside = _ellipsoid(half)
     whole = np.ones((3, 3, 3), bool)  # so that what is left hangs together by faces
-    return solid & ~ndimage.binary_erosion(solid, whole, iterations=int(rng.integers(1, 3)))
+    return solid & ~np.asarray(ndimage.binary_erosion(solid, whole, iterations=int(rng.integers(1, 3))))
 
 
 def box(rng: np.random.Generator, n: int) -> Inside:
@@ -163,10 +166,10 @@ def ribbon(rng: np.random.Generator, n: int) -> Inside:
 
 def blob(rng: np.random.Generator, n: int) -> Inside:
     """Return a lump with bays, from noise."""
-    noise = ndimage.gaussian_filter(rng.normal(size=(24, 24, 24)), 2.5)
-    noise = ndimage.zoom(noise / noise.std(), n / 24, order=1)
+    noise = np.asarray(ndimage.gaussian_filter(rng.normal(size=(24, 24, 24)), 2.5))
+    noise = np.asarray(ndimage.zoom(noise / noise.std(), n / 24, order=1))
     axis = np.linspace(-1, 1, n)
-    distance = np.sqrt(sum(a**2 for a in np.meshgrid(axis, axis, axis, indexing="ij")))
+    distance = np.linalg.norm(np.stack(np.meshgrid(axis, axis, axis, indexing="ij")), axis=0)
     return (noise > -0.4 + 3 * (distance - 0.7)) & (distance < 1)
 
 
@@ -195,7 +198,7 @@ def _capsules(n: int, starts: NDArray[np.float64], ends: NDArray[np.float64], ra
 
 def _ellipsoid(half: NDArray[np.float64]) -> Inside:
     axes = [np.linspace(-1, 1, max(3, int(2 * h))) for h in half]
-    return sum(a**2 for a in np.meshgrid(*axes, indexing="ij")) <= 1.0
+    return np.linalg.norm(np.stack(np.meshgrid(*axes, indexing="ij")), axis=0) <= 1
 
 
 def _direction(rng: np.random.Generator) -> NDArray[np.float64]:

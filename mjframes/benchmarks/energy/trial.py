@@ -30,20 +30,18 @@ QUICK = Plan(steps=(2e-3,), drops=1, loops=1, drifts=False)
 
 
 @dataclass(frozen=True)
-class Row:
+class Number:
     """One number.
 
-    measure: what kind.  case: of which motion, loop or start.  timestep: [s].  number: which run of these.
+    measure: what kind.  case: of which motion, loop or start.  timestep: [s].  run: which of these.
     value, limit: what it is, and what it has to stay below.
     others: what else was measured there, by name.
     """
 
-    subject: Subject
-    voxels: int
     measure: str
     case: str
     timestep: float
-    number: int
+    run: int
     value: float
     limit: float
     others: Mapping[str, float] = field(default_factory=dict)
@@ -55,6 +53,20 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Found:
+    """What was measured of a body.  why: it could not be, "" where it could."""
+
+    subject: Subject
+    voxels: int
+    numbers: tuple[Number, ...]
+    why: str = ""
+
+    def of(self, measure: str, case: str | None = None) -> list[Number]:
+        """Return the numbers of one kind, and of one case where it is given."""
+        return [n for n in self.numbers if n.measure == measure and case in (None, n.case)]
+
+
+@dataclass(frozen=True)
 class Job:
     """A body and how much is measured of it."""
 
@@ -62,50 +74,47 @@ class Job:
     plan: Plan
 
 
-def measured(job: Job) -> tuple[Subject, list[Row], str]:
-    """Return the body, its rows, and why there are none, "" where there are."""
+def measured(job: Job) -> Found:
+    """Build a body and measure it."""
     try:
         body = job.subject.build()
     except MjframesError as error:
-        return job.subject, [], str(error)
+        return Found(job.subject, 0, (), str(error))
     made = world(body)
-    rows = []
-    for some in (_gains, _loops, _drifts, _returns):
-        rows += [
-            Row(job.subject, body.voxels, *numbers[:6], numbers[6] if len(numbers) > 6 else {})
-            for numbers in some(made, job)
-        ]
-    return job.subject, rows, ""
+    numbers = (*_gains(made, job), *_loops(made, job), *_drifts(made, job), *_returns(made, job))
+    return Found(job.subject, body.voxels, numbers)
 
 
-def _gains(made: World, job: Job) -> Iterator[tuple]:
+def _gains(made: World, job: Job) -> Iterator[Number]:
     for name, motion in motions.MOTIONS.items():
         for number in range(job.plan.drops if name == "dropped" else 1):
             for timestep in job.plan.steps:
                 gain = motion(made, timestep, job.subject.seed + number)
                 others = {"total": gain.gain, "motion": gain.motion, "turned": gain.turned, "moved_J": gain.moved}
-                yield GAIN, name, timestep, number, gain.worst, motions.LIMIT, others
+                yield Number(GAIN, name, timestep, number, gain.worst, motions.LIMIT, others)
 
 
-def _loops(made: World, job: Job) -> Iterator[tuple]:
+def _loops(made: World, job: Job) -> Iterator[Number]:
     for kind in loops.KINDS:
         for number in range(job.plan.loops):
             loop = loops.loop_of(made, kind, job.subject.seed + number)
             others = {"mismatch": loop.mismatch, "doubt": loop.doubt}
-            yield LOOP, kind, 0.0, number, loop.work, loops.LIMIT, others
+            yield Number(LOOP, kind, 0.0, number, loop.work, loops.LIMIT, others)
 
 
-def _drifts(made: World, job: Job) -> Iterator[tuple]:
+def _drifts(made: World, job: Job) -> Iterator[Number]:
     if job.plan.drifts:
         for name in order.MOTIONS:
             drift = order.drift(made, name, job.subject.seed)
-            others = {"order": drift.order} | {f"drift_{h * 1e3:g}ms": d for h, d in zip(order.STEPS, drift.drift)}
-            yield MADE, name, order.STEPS[-1], 0, drift.made[-1], motions.LIMIT, others
+            drifts = zip(order.STEPS, drift.drift, strict=True)
+            others = {"order": drift.order} | {f"drift_{h * 1e3:g}ms": value for h, value in drifts}
+            yield Number(MADE, name, order.STEPS[-1], 0, drift.made[-1], motions.LIMIT, others)
 
 
-def _returns(made: World, job: Job) -> Iterator[tuple]:
+def _returns(made: World, job: Job) -> Iterator[Number]:
     rate = recovery.lowest_rate(made)
     for start in recovery.STARTS:
         error = recovery.recovers(made, start, job.subject.seed, rate)
-        yield RETURN, start, recovery.TIMESTEP, 0, error, recovery.BACK
-    yield REST, "dropped", recovery.TIMESTEP, 0, recovery.rests(made, job.subject.seed), recovery.STILL
+        yield Number(RETURN, start, recovery.TIMESTEP, 0, error, recovery.BACK)
+    moving = recovery.rests(made, job.subject.seed)
+    yield Number(REST, "dropped", recovery.TIMESTEP, 0, moving, recovery.STILL)
