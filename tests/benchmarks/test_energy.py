@@ -50,11 +50,10 @@ def stirred(stiffness: float) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("motion", ["dropped", "thrown", "squeezed"])
-def test_a_rigid_body_gains_nothing(motion: str) -> None:
+def test_rigid_frames_gain_nothing(motion: str) -> None:
     for timestep in (5e-4, 2e-3):
-        gain = motions.MOTIONS[motion](made("rigid", 1), timestep, 3)
+        gain = motions.MOTIONS[motion](made("rigid"), timestep, 3)
         assert gain.worst < (1e-3 if motion == "thrown" else 1e-9), gain  # Euler's own, of an uneven body that spins
-        assert gain.gain == pytest.approx(gain.motion, abs=1e-9)
 
 
 @pytest.mark.parametrize("motion", motions.MOTIONS)
@@ -101,7 +100,7 @@ def test_a_loop_of_a_body_near_rest_does_no_work_but_by_what_stirs_it() -> None:
     found = loops.loop_of(made(), "bent", 0)
     assert max(found.work, found.mismatch) < loops.LIMIT
     with stirred(1.0):
-        assert loops.loop_of(made(), "bent", 0).work > 1e-3
+        assert loops.loop_of(made(), "bent", 0).work > 100 * loops.LIMIT
 
 
 @pytest.mark.parametrize("kind", loops.KINDS)
