@@ -132,9 +132,10 @@ def double_plate(rng: np.random.Generator, n: int) -> Inside:
 def shell(rng: np.random.Generator, n: int) -> Inside:
     """Return a closed thin-walled egg."""
     half = 0.5 * n * np.array([1, rng.uniform(0.5, 1), rng.uniform(0.4, 1)])
-    solid: Inside = _ellipsoid(half)
+    solid = _ellipsoid(half)
     whole = np.ones((3, 3, 3), bool)  # so that what is left hangs together by faces
-    return solid & ~np.asarray(ndimage.binary_erosion(solid, whole, iterations=int(rng.integers(1, 3))))
+    inner = np.asarray(ndimage.binary_erosion(solid, whole, iterations=int(rng.integers(1, 3))), bool)
+    return solid & ~inner
 
 
 def box(rng: np.random.Generator, n: int) -> Inside:
