@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings as python_warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -13,15 +12,18 @@ import numpy as np
 import pytest
 from builders.scenes import FLOOR, TILTED, compiled
 
+from mjframes.app.collect.plan import Plan
+from mjframes.app.collect.worlds import Stepping
 from mjframes.app.measure import measure, state_of
 from mjframes.app.run import record
-from mjframes.app.watch import FOLDED, InstabilityWarning, Watch, is_folded, is_grown, size_ratio
+from mjframes.app.watch import FOLDED, HELP, InstabilityWarning, Watch, is_folded, is_grown, size_ratio
 from mjframes.benchmarks.check.states import jacobian, move_points
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
 from mjframes.cli.commands import main
 from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
+from mjframes.scene.load import load_scene, start
 from mjframes.scene.scene_file import standalone_scene
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
@@ -36,22 +38,15 @@ def bar(young: float = 2e5, law: str = "corotational", method: str = "whole_body
     return build(Volume.from_labels(BAR, 0.01, {1: Material(young, 0.4, 1000)}), 2, law=law, method=method)
 
 
-@contextmanager
-def stirred(stiffness: float) -> Iterator[None]:
+def stir(stiffness: float) -> Callable[[mujoco.MjModel, mujoco.MjData], None]:
     """A force that comes from nowhere, stiffness [N/m] times the position turned by 90°."""
 
     def add(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        if data.qfrc_passive is None or model.nq % 3:
-            return
         x, y, _ = data.qpos.reshape(-1, 3).T
         data.qfrc_passive[0::3] += stiffness * y
         data.qfrc_passive[1::3] -= stiffness * x
 
-    mujoco.set_mjcb_passive(add)
-    try:
-        yield
-    finally:
-        mujoco.set_mjcb_passive(None)
+    return add
 
 
 def said(work: Callable[[], object], of: str = "") -> list[str]:
@@ -80,8 +75,11 @@ def watched(
 
 def test_energy_from_nothing_is_told_once_and_of_the_body() -> None:
     model, _ = compiled(FLOOR, (bar(), (0, 0, 0.1), TILTED))
-    with stirred(30.0):
+    mujoco.set_mjcb_passive(stir(30.0))
+    try:
         (sentence, *others) = said(lambda: record(model, 1.0))
+    finally:
+        mujoco.set_mjcb_passive(None)
     assert sentence.startswith("soft body 'soft0' has made ")
     assert "J of energy from nothing by 0." in sentence
     assert "smaller timestep, damping" in sentence
@@ -178,13 +176,44 @@ def test_a_held_body_is_not_asked_for_energy_that_comes_through_what_holds_it() 
     assert said(lambda: record(spec.compile(), 0.5)) == []  # it turns by some radians
 
 
-def test_run_prints_it_and_ends_well(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_run_prints_it_and_ends_well(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     volume = Volume.from_labels(BAR, 0.01, {1: Material(2e5, 0.4, 1000)})
     path = tmp_path / "bar.xml"
     path.write_text(standalone_scene(bar(), volume, name="bar").to_xml())
     assert main(["run", str(path), "--duration", "0.5"]) == 0
     assert "energy from nothing" not in capfd.readouterr().err
-    with stirred(30.0):
+
+    def stirring(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
+        data = start(model, warnings)
+        mujoco.set_mjcb_passive(stir(300.0))  # not before: MuJoCo's compiler cannot call what is of Python
+        return data
+
+    monkeypatch.setattr("mjframes.app.run.start", stirring)
+    try:
         assert main(["run", str(path), "--duration", "1"]) == 0
-    error = capfd.readouterr().err
-    assert error.count("mjframes: soft body 'bar' has made ") == 1
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert capfd.readouterr().err.count("mjframes: soft body 'bar' has made ") == 1
+
+
+def test_collect_tells_of_bodies_that_are_too_large_or_folded_at_the_end(tmp_path: Path) -> None:
+    volume = Volume.from_labels(BAR, 0.01, {1: Material(2e5, 0.4, 1000)})
+    path = tmp_path / "bar.xml"
+    path.write_text(standalone_scene(bar(), volume, name="bar").to_xml())
+    plan = Plan("", 3, 1.0, (), (), "none", 10.0, 0, 3, "")
+    stepping = Stepping(plan, load_scene(path)[0])
+    assert said(lambda: stepping.run(range(3), 1)) == []
+    view = soft(stepping.model, stepping.data, "bar")
+    rest = view.control_positions.copy()
+    states = []
+    for shape in (rest, 2 * rest, -rest):
+        move_points(view, shape)
+        states.append(np.tile(stepping.data.qpos, (10, 1)))
+    entries, count = np.array(states), np.array([10, 10, 10])
+    assert said(lambda: stepping.tell_of_bodies(entries, count, [4, 5, 6])) == [
+        f"soft body 'bar' is {what} at the end of 1 worlds, the first of them {world}; {HELP}."
+        for what, world in (("far larger than at rest", 5), ("folded over, inside out,", 6))
+    ]
+    assert len(said(lambda: stepping.tell_of_bodies(entries, np.array([10, 10, 2]), [4, 5, 6]))) == 1

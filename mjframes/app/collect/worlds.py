@@ -122,10 +122,10 @@ class Stepping:
             count[going] += 1
             if not len(going):
                 break
-        self._tell_of_bodies(kept["qpos"], count, worlds)
+        self.tell_of_bodies(kept["qpos"], count, worlds)
         return Worlds(drawn, timestep * np.array(ticks), count=count, ended=tuple(ended), **kept)
 
-    def _tell_of_bodies(self, qpos: np.ndarray, count: np.ndarray, worlds: Sequence[int]) -> None:
+    def tell_of_bodies(self, qpos: np.ndarray, count: np.ndarray, worlds: Sequence[int]) -> None:
         """Warn (InstabilityWarning) of soft bodies that are far too large or folded over at the end of some worlds.
 
         qpos: (n, t, nq) of the entries.  count: (n,) how many of these each world has.
