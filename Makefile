@@ -5,6 +5,7 @@
 #   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
+#   make check         extreme states, and energy that comes from nothing, of bodies that nobody tuned: out/
 #   make wheels        a wheel for x86-64 and one for aarch64, with a library for every MuJoCo, and a source distribution: dist/
 #   make check-wheels  installs these into clean environments without a compiler, and steps the steak there
 #   make docs          the documentation: build/docs/index.html
@@ -24,7 +25,7 @@ define draw
 MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.app.doctor import working_backend as w; print(w() or "")')
 endef
 
-.PHONY: demo test test-mujoco4 bench bench-worlds report wheels check-wheels docs lint format clean
+.PHONY: demo test test-mujoco4 bench bench-worlds report check wheels check-wheels docs lint format clean
 
 demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
@@ -43,6 +44,10 @@ bench-worlds: $(VENV)/installed $(VENV4)/installed
 
 report: $(VENV)/installed $(VENV4)/installed
 	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
+
+check: $(VENV)/installed
+	$(VENV)/bin/mjframes check
+	$(VENV)/bin/python -m mjframes.benchmarks.energy
 
 wheels: $(VENV)/installed-wheels
 	rm -rf dist

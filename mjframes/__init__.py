@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mjframes.app.log.options import Log
     from mjframes.app.run import record
     from mjframes.app.video import film, still
+    from mjframes.app.watch import InstabilityWarning
     from mjframes.body.build import TurnWarning, build
     from mjframes.body.options import Paper
     from mjframes.body.soft_body import SoftBody
@@ -58,6 +59,7 @@ __all__ = [
     "Fixed",
     "Harmonic",
     "ImageWarning",
+    "InstabilityWarning",
     "Linear",
     "Log",
     "Material",
@@ -92,6 +94,7 @@ _HOMES = {
     "app.log.options": ("Log",),
     "app.run": ("record",),
     "app.video": ("film", "still"),
+    "app.watch": ("InstabilityWarning",),
     "body.build": ("TurnWarning", "build"),
     "body.options": ("Paper",),
     "body.soft_body": ("SoftBody",),

@@ -9,6 +9,7 @@ import numpy as np
 
 STILL = 1e-6  # [m] that everything's weight has to fall for an energy that is worth a number
 NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a number
+ELASTIC_ALONE = ", of elastic energy alone: steps that turn very stiff bodies stretch them a little"
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +141,12 @@ def _balance(recording: Recording) -> str:
     scale = recording.energy_scale
     if scale <= STILL * recording.weight:
         return "nothing moved"
-    change = recording.energy[0] - recording.motion[-1]
+    change = recording.energy[0] - recording.energy[-1]
     end = f"{change:.3g} J less" if change >= 0 else f"{-change:.3g} J more"
-    gain = recording.motion_gain
+    gain = recording.energy_gain
     above = f"{gain:.2g} J ({gain / scale:.1%})" if gain > NOTABLE * scale else "never"
+    alone = recording.motion_gain <= NOTABLE * scale < gain
     return (
-        f"{scale:.3g} J moved; kinetic and potential energy are {end} at the end than at the start, "
-        f"and {above} above it in between"
+        f"{scale:.3g} J moved; kinetic, potential and elastic energy are {end} at the end than at the start, "
+        f"and {above} above it in between{ELASTIC_ALONE if alone else ''}"
     )

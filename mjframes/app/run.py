@@ -19,6 +19,7 @@ from mjframes.app.log.options import TOPICS, Log
 from mjframes.app.measure import measure, penetration, state_of, weight_of
 from mjframes.app.recording import Instant, Recording, State
 from mjframes.app.ticks import Ticks
+from mjframes.app.watch import Watch
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
 from mjframes.scene.load import DIVERGED, mujoco_warnings, start
@@ -50,6 +51,7 @@ def record(
     camera, fps, size: of the video, see `video.film`.  scene: what the model was compiled from, which goes into the log
     with the files that it names; a log without it has no film later.
     progress: show a bar on a terminal.
+    Warn (InstabilityWarning) once of each soft body that makes energy, grows or stays folded over.
     Raises MjframesError for bad arguments, a scene the plugin refuses and a simulation that diverges.
     """
     if not (math.isfinite(duration) and duration > 0):
@@ -67,7 +69,7 @@ def record(
         stack.enter_context(_potential_energy(model))
         data = start(model, warnings)
         bodies = {name: view.soft(model, data, name) for name in view.soft_names(model)}
-        weight, logging = weight_of(model), None
+        weight, logging, watch = weight_of(model), None, Watch(model, data, bodies)
         if log is not None:
             from mjframes.app.log.session import Logging
             from mjframes.app.log.write import log_file
@@ -102,6 +104,8 @@ def record(
                 instants.append(measure(model, data, bodies, state, deepest))
                 states.append(state)
                 deepest = 0.0
+                watch.look(instants[-1])
+            watch.step()
             if logging is not None:
                 logging.step(model, data, bodies, state, depth, instants[-1] if kept else None)
             if draw is not None:

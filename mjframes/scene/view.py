@@ -83,6 +83,16 @@ class Soft:
             for points, gradient, volume, material in zip(self._points, gradients, volumes, materials, strict=True)
         ]
 
+    @cached_property
+    def mean_gradients(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the control points (m,) of each region and its mean gradients g (m, 3) [1/m]: F = Σ_j x_j g_jᵀ."""
+        return [
+            (region.points, np.average(region.gradient, axis=0, weights=region.volume))
+            if isinstance(region, HyperelasticRegion)
+            else (region.points, region.gradient)
+            for region in self.regions
+        ]
+
     def _scaled_regions(self, factors: np.ndarray) -> list[CorotationalRegion] | list[HyperelasticRegion]:
         """With factors (M,) of the materials' moduli."""
         laws = ()
@@ -221,7 +231,10 @@ class Soft:
     @property
     def elastic_energy(self) -> float:
         """Return the elastic energy [J]."""
-        x = self.control_positions
+        return self.elastic_energy_at(self.control_positions)
+
+    def elastic_energy_at(self, x: np.ndarray) -> float:
+        """Return the elastic energy with the control points at x (k, 3), turned and moved in any way [J]."""
         factor, regions = self._elastic
         return factor * sum(region.energy(x[region.points]) for region in regions)
 

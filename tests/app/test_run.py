@@ -250,23 +250,31 @@ def test_contact_forces_are_told_body_by_body(tmp_path: Path) -> None:
     assert [f"<!-- {label} -->" in drawn for label in ("on soft0", "on soft1", "between others")] == [True] * 3
 
 
-def test_the_energy_of_stiff_strains_alarms_nobody() -> None:
-    """5 kJ of a body of 10¹¹ Pa that one step strained by a millionth; and a real gain, which is told."""
+def told(*energies: tuple[float, float, float]) -> str:
+    """The line on energy of instants with kinetic, potential and elastic energies [J]."""
+    none = {"soft": 0.0}
+    instants = [
+        Instant(0.0, kinetic, potential, {"soft": elastic}, none, 0, 0.0, 0.0, none, 0.0, 0.0)
+        for kinetic, potential, elastic in energies
+    ]
+    return summary(Recording(tuple(instants), (), 3, 0.5, 0.002, 20.0)).splitlines()[-1]
 
-    def told(*energies: tuple[float, float, float]) -> str:
-        none = {"soft": 0.0}
-        instants = [
-            Instant(0.0, kinetic, potential, {"soft": elastic}, none, 0, 0.0, 0.0, none, 0.0, 0.0)
-            for kinetic, potential, elastic in energies
-        ]
-        return summary(Recording(tuple(instants), (), 3, 0.5, 0.002, 20.0)).splitlines()[-1]
 
-    assert told((0, 10, 0), (3, 7, 5e3), (0, 6, 0)) == (
-        "energy        4 J moved; kinetic and potential energy are 4 J less at the end than at the start, "
+def test_the_line_on_energy_has_the_elastic_one() -> None:
+    assert told((0, 10, 0), (3, 7, 0), (0, 6, 1)) == (
+        "energy        4 J moved; kinetic, potential and elastic energy are 3 J less at the end than at the start, "
         "and never above it in between"
     )
-    assert "0.5 J (12.5%) above it in between" in told((0, 10, 0), (3.5, 7, 5e3), (0, 6, 0))
-    assert "are 1 J more at the end" in told((0, 10, 0), (3.5, 6, 0), (1, 10, 0))
+    assert "are 1 J more at the end" in told((0, 10, 0), (3.5, 6, 0), (0, 10, 1))
+    assert "0.5 J (12.5%) above it in between" in told((0, 10, 0), (3.5, 7, 0), (0, 6, 0))
+
+
+def test_the_energy_of_stiff_strains_is_told_apart() -> None:
+    """5 kJ of a body of 10¹¹ Pa that one step strained by a millionth; and a real gain, which is told as such."""
+    text = told((0, 10, 0), (3, 7, 5e3), (0, 6, 0))
+    assert text.endswith("between, of elastic energy alone: steps that turn very stiff bodies stretch them a little")
+    assert "4 J less at the end" in text
+    assert told((0, 10, 0), (3.5, 7, 5e3), (0, 6, 0)).endswith("above it in between")
     assert told((0, 10, 0), (1e-12, 10, 5e3), (0, 10, 0)) == "energy        nothing moved"
 
 

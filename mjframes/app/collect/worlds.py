@@ -18,7 +18,9 @@ from mujoco.batch import Batch, SimulationError
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.push import LENGTH, pushes
 from mjframes.app.collect.variation import Varied, stream, variations
+from mjframes.app.watch import FOLDED, is_folded, is_grown, warn
 from mjframes.base.errors import MjframesError
+from mjframes.scene import view
 from mjframes.scene.load import mujoco_warnings, start
 
 HOLD = 0.1  # [s] that a random control lasts
@@ -120,7 +122,30 @@ class Stepping:
             count[going] += 1
             if not len(going):
                 break
+        self.tell_of_bodies(kept["qpos"], count, worlds)
         return Worlds(drawn, timestep * np.array(ticks), count=count, ended=tuple(ended), **kept)
+
+    def tell_of_bodies(self, qpos: np.ndarray, count: np.ndarray, worlds: Sequence[int]) -> None:
+        """Warn (InstabilityWarning) of soft bodies that are far too large or folded over at the end of some worlds.
+
+        qpos: (n, t, nq) of the entries.  count: (n,) how many of these each world has.
+        """
+        last = _steps(FOLDED, 1 / self.plan.rate)
+        for name in view.soft_names(self.model):
+            body, grown, folded = view.soft(self.model, self.data, name), [], []
+            for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
+                found = [self._looked_at(body, entry) for entry in entries[max(0, number - last) : number]]
+                grown += [world] * bool(found and found[-1][0])
+                folded += [world] * (len(found) == last and all(some for _, some in found))
+            for what, some in (("far larger than at rest", grown), ("folded over, inside out,", folded)):
+                if some:
+                    warn(f"{name!r} is {what} at the end of {len(some)} worlds, the first of them {some[0]}")
+
+    def _looked_at(self, body: view.Soft, qpos: np.ndarray) -> tuple[bool, bool]:
+        """Whether a body is grown, and folded, at qpos."""
+        self.data.qpos[:] = qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        return is_grown(body), is_folded(body)
 
 
 class _Inputs:

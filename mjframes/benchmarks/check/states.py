@@ -19,7 +19,7 @@ def move_points(view: Soft, target: np.ndarray) -> None:
     for _ in range(ITERATIONS):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        change = np.linalg.lstsq(_jacobian(view), (target - view.control_positions).ravel(), rcond=CLOSE)[0]
+        change = np.linalg.lstsq(jacobian(view), (target - view.control_positions).ravel(), rcond=CLOSE)[0]
         change *= min(1.0, LONGEST_TURN / max(np.abs(change[turning]).max(initial=0), LONGEST_TURN))
         mujoco.mj_integratePos(model, data.qpos, change, 1.0)
         if np.abs(change).max() < CLOSE:
@@ -29,12 +29,12 @@ def move_points(view: Soft, target: np.ndarray) -> None:
 def move_with(view: Soft, velocity: np.ndarray) -> None:
     """Set qvel so that all control points have this velocity (3,) [m/s]; needs mj_forward."""
     velocities = np.tile(velocity, len(view.bodies))
-    view.data.qvel[:] = np.linalg.lstsq(_jacobian(view), velocities, rcond=None)[0]
+    view.data.qvel[:] = np.linalg.lstsq(jacobian(view), velocities, rcond=None)[0]
 
 
-def _jacobian(view: Soft) -> np.ndarray:
-    """∂x/∂q (3k, nv) of the control points."""
-    jacobian = np.zeros((len(view.bodies), 3, view.model.nv))
-    for rows, body, x in zip(jacobian, view.bodies, view.control_positions, strict=True):
+def jacobian(view: Soft) -> np.ndarray:
+    """Return ∂x/∂q (3k, nv) of the control points."""
+    found = np.zeros((len(view.bodies), 3, view.model.nv))
+    for rows, body, x in zip(found, view.bodies, view.control_positions, strict=True):
         mujoco.mj_jac(view.model, view.data, rows, None, x, int(body))
-    return jacobian.reshape(-1, view.model.nv)
+    return found.reshape(-1, view.model.nv)

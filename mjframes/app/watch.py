@@ -1,0 +1,156 @@
+"""What goes wrong in a run is said once, with what helps: energy from nothing, bodies that grow, regions folded over.
+
+A soft body that floats free has the energy E = kinetic + elastic + potential, and gets the work W = Σ h f · q̇ of all
+forces but its own and gravity's: contacts, actuators, what users apply, each step's at the step's end. E − W grows by
+nothing but what a step's turn stretches (A φ⁴, which goes with the turn) and what the elasticity makes up. So scenes
+that are driven alarm nobody. Bodies that hang on what moves get energy through that, and are not asked for it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.app.recording import STILL, Instant
+from mjframes.base.errors import Notice
+from mjframes.scene.view import Soft
+
+GAIN = 0.1  # [-] of the energy that moved: what a body may have more than it got
+ANGLE = 0.1  # [rad] of the turn that A is found from
+TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/energy/motions.py)
+GROWN = 1.5  # [-] of the size at rest
+FOLDED = 0.5  # [s] that a region may be folded over
+HELP = "try a smaller timestep, damping, more or other frames, or another law"
+
+
+class InstabilityWarning(Notice):
+    """One sentence on what a simulated soft body does that no real one would, and on what helps."""
+
+
+def warn(sentence: str) -> None:
+    """Warn that a soft body does what the sentence says, with what helps."""
+    warnings.warn(f"soft body {sentence}; {HELP}.", InstabilityWarning, stacklevel=2)
+
+
+class Watch:
+    """Watches the soft bodies of a run.
+
+    model, data, bodies: as they are stepped, the soft ones by name.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[str, Soft]) -> None:
+        self._bodies = [_Watched(name, body) for name, body in bodies.items()]
+
+    def look(self, instant: Instant) -> None:
+        """Warn (InstabilityWarning) of what is wrong at the start of the step that was made last."""
+        for body in self._bodies:
+            body.look(instant)
+
+    def step(self) -> None:
+        """Count the work of the step that was made last; call it after `look`."""
+        for body in self._bodies:
+            body.count_work()
+
+
+class _Watched:
+    """A soft body, and what is known of it from earlier in the run."""
+
+    def __init__(self, name: str, body: Soft) -> None:
+        self._name, self._soft, self._model, self._data = name, body, body.model, body.data
+        self._carriers = np.unique(body.bodies)
+        self._dofs = np.flatnonzero(np.isin(self._model.dof_bodyid, self._carriers))
+        self._asked = _is_free(body, self._carriers, self._dofs)
+        self._turning = _turning(body) if self._asked else 0.0
+        self._work = self._start = self._moved = 0.0
+        self._folded_since: float | None = None
+        self._seen = False
+        self._told: set[str] = set()
+
+    def count_work(self) -> None:
+        if self._asked:
+            data, some = self._data, self._dofs
+            others = data.qfrc_smooth[some] - data.qfrc_passive[some] + data.qfrc_bias[some]
+            force = others + data.qfrc_constraint[some]
+            self._work += self._model.opt.timestep * float(force @ data.qvel[some])
+
+    def look(self, instant: Instant) -> None:
+        if self._asked and "energy" not in self._told:
+            self._look_at_energy(instant)
+        if is_grown(self._soft):
+            self._tell("size", f"is {size_ratio(self._soft):.2g} times as large as at rest at {instant.time:.3g} s")
+        if not is_folded(self._soft):
+            self._folded_since = None
+        elif self._folded_since is None:
+            self._folded_since = instant.time
+        elif instant.time - self._folded_since >= FOLDED:
+            self._tell("fold", f"has been folded over, inside out, since {self._folded_since:.3g} s")
+
+    def _look_at_energy(self, instant: Instant) -> None:
+        mass, data = self._model.body_mass[self._carriers], self._data
+        potential = -float(mass @ data.xipos[self._carriers] @ self._model.opt.gravity)
+        kinetic, elastic = instant.soft_kinetic[self._name], instant.elastic[self._name]
+        energy = kinetic + elastic + potential - self._work
+        if not self._seen:
+            self._seen, self._start, self._moved = True, energy, elastic
+        weight = float(mass.sum() * np.linalg.norm(self._model.opt.gravity))
+        self._moved = max(self._moved, kinetic, abs(self._work), STILL * weight)
+        made = energy - self._start
+        if made > GAIN * self._moved and made - self._stretched() > GAIN * self._moved:
+            self._tell("energy", f"has made {made:.2g} J of energy from nothing by {instant.time:.3g} s")
+
+    def _stretched(self) -> float:
+        """What the last step's turn may have stretched [J]."""
+        mass, x = self._soft.mass, self._soft.control_positions
+        arm = x - mass @ x / mass.sum()
+        momentum = np.cross(arm, self._soft.control_velocities).T @ mass
+        second = np.einsum("k,ka,kb->ab", mass, arm, arm)
+        rate = np.linalg.lstsq(np.trace(second) * np.eye(3) - second, momentum, rcond=None)[0]
+        return TURNING * self._turning * float(np.linalg.norm(rate) * self._model.opt.timestep) ** 4
+
+    def _tell(self, what: str, sentence: str) -> None:
+        if what not in self._told:
+            self._told.add(what)
+            warn(f"{self._name!r} {sentence}")
+
+
+def _is_free(body: Soft, carriers: NDArray[np.int64], dofs: NDArray[np.int64]) -> bool:
+    """Whether its own coordinates are all that moves the body, and a step's work is known."""
+    model = body.model
+    above, moved = int(body.holder), True
+    while above > 0:
+        moved &= not model.body_jntnum[above] and model.body_mocapid[above] < 0
+        above = int(model.body_parentid[above])
+    slides = (model.jnt_type[model.dof_jntid[dofs]] == mujoco.mjtJoint.mjJNT_SLIDE).all()
+    own = (model.body_jntnum[carriers] > 0).all() and not model.body_gravcomp[carriers].any()
+    return bool(moved and slides and own and model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4)
+
+
+def _turning(body: Soft) -> float:
+    """A [J/rad⁴]: a step that turns the body by φ stretches it by the energy A φ⁴, largest over the axes."""
+    turned = [body.elastic_energy_at(body.rest + np.cross(ANGLE * axis, body.rest)) for axis in np.eye(3)]
+    return max(turned) / ANGLE**4
+
+
+def is_grown(body: Soft) -> bool:
+    """Return whether a body is far larger than at rest."""
+    return size_ratio(body) > GROWN
+
+
+def size_ratio(body: Soft) -> float:
+    """Return the root mean square distance of the mass from its centre, to that at rest [-]."""
+    return _size(body, body.control_positions) / _size(body, body.rest)
+
+
+def _size(body: Soft, x: NDArray[np.float64]) -> float:
+    mass = body.mass
+    return float(np.sqrt(mass @ ((x - mass @ x / mass.sum()) ** 2).sum(axis=1) / mass.sum()))
+
+
+def is_folded(body: Soft) -> bool:
+    """Return whether det F < 0 for the mean gradient of some region."""
+    x = body.control_positions
+    return any(np.linalg.det(x[points].T @ gradient) < 0 for points, gradient in body.mean_gradients)

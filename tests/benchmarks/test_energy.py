@@ -1,0 +1,196 @@
+"""`python -m mjframes.benchmarks.energy` tells what makes energy from what does not, and what a loop's force does."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjframes.benchmarks.energy import bodies, loops, motions, order, recovery
+from mjframes.benchmarks.energy.bodies import Subject, subjects
+from mjframes.benchmarks.energy.report import HEADER, summary, table, write
+from mjframes.benchmarks.energy.shapes import SHAPES, VOXELS, drawn
+from mjframes.benchmarks.energy.trial import GAIN, LOOP, QUICK, RETURN, Job, measured
+from mjframes.benchmarks.energy.world import World, world
+from mjframes.body.build import build
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+BAR = Volume.from_labels(np.ones((12, 6, 6), np.uint8), 0.01, {1: Material(2e5, 0.4, 1000)})
+CURL = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 0]])  # a force C x is no gradient
+
+
+@cache
+def made(frame_type: str = "affine", frames: int = 2, young: float = 2e5) -> World:
+    stiff = replace(BAR, materials={1: Material(young, 0.4, 1000)})
+    return world(build(stiff, frames, frame_type=frame_type))
+
+
+@contextmanager
+def stirred(stiffness: float) -> Iterator[None]:
+    """A force that is no gradient on every slide: stiffness [N/m] times the position turned by 90°."""
+
+    def add(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.qfrc_passive[:] += stiffness * (data.qpos.reshape(-1, 3) @ CURL.T).ravel()
+
+    mujoco.set_mjcb_passive(add)
+    try:
+        yield
+    finally:
+        mujoco.set_mjcb_passive(None)
+
+
+@pytest.mark.parametrize("motion", ["dropped", "thrown", "squeezed"])
+def test_rigid_frames_gain_nothing(motion: str) -> None:
+    some = made("rigid")
+    some.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICIT  # Euler alone gains where uneven bodies spin
+    for timestep in (5e-4, 2e-3):
+        gain = motions.MOTIONS[motion](some, timestep, 3)
+        assert gain.worst < 1e-3, gain
+
+
+@pytest.mark.parametrize("motion", motions.MOTIONS)
+def test_a_stout_soft_bar_gains_nothing(motion: str) -> None:
+    gain = motions.MOTIONS[motion](made(), 2e-3, 1)
+    assert gain.worst < motions.LIMIT, gain
+    assert gain.moved > 0
+
+
+def test_a_force_that_is_no_gradient_is_seen_in_free_motion() -> None:
+    with stirred(50.0):
+        assert motions.disturbed(made(), 2e-3, 1).worst > 0.01
+        assert order.drift(made(), "disturbed", 1).made[-1] > 0.01
+
+
+def test_what_a_turn_stretches_is_told_apart() -> None:
+    """A step of 5 ms turns by 0.1 rad: the stiff bar is stretched by E h⁴ ω⁴, and it goes with the turn."""
+    gain = motions.thrown(made(young=1e8), 5e-3, 1)
+    assert gain.gain > motions.LIMIT
+    assert gain.worst < motions.LIMIT
+    assert motions.TURNING * gain.gain == pytest.approx(gain.turned, rel=0.2)
+
+
+@pytest.mark.parametrize("finite", [True, False])
+def test_a_gain_is_what_exceeds_the_start(finite: bool) -> None:
+    kinetic, elastic, work = np.array([1.0, 0.5, 1.5]), np.array([0, 0.5, 1.0]), np.array([0, 0.0, 0.5])
+    course = motions.Course(kinetic, kinetic, elastic, work, np.zeros(3), finite)
+    gain = motions.gain_of(course, 2.0, 5.0)
+    assert (gain.gain, gain.worst) == ((0.5, 0.5) if finite else (np.inf, np.inf))
+
+
+def test_a_loop_tells_a_gradient_from_what_is_none() -> None:
+    states = np.random.default_rng(0).normal(size=(3, 3))
+    spring = loops.round_loop(lambda q: -2 * q, lambda q: float(q @ q), states)
+    assert spring.work < 1e-12
+    assert spring.mismatch < 1e-12
+    other = loops.round_loop(lambda q: -2 * q + 1e-3 * CURL @ q, lambda q: float(q @ q), states)
+    area = 0.5 * np.cross(states[1] - states[0], states[2] - states[0])[2]
+    mean = (states**2).sum(axis=1).mean()
+    assert other.work == pytest.approx(2e-3 * abs(area) / mean, rel=1e-6)  # Stokes
+
+
+def test_a_loop_of_a_body_near_rest_does_no_work_but_by_what_stirs_it() -> None:
+    found = loops.loop_of(made(), "bent", 0)
+    assert max(found.work, found.mismatch) < loops.LIMIT
+    with stirred(1.0):
+        assert loops.loop_of(made(), "bent", 0).work > 100 * loops.LIMIT
+
+
+@pytest.mark.parametrize("kind", loops.KINDS)
+def test_states_of_a_loop_are_as_they_are_called(kind: str) -> None:
+    some = made()
+    rng = np.random.default_rng(0)
+    states = [loops.KINDS[kind](some, rng, number) for number in range(loops.STATES)]
+    assert all(np.isfinite(x).all() and x.shape == some.rest.shape for x in states)
+    axes = [np.linalg.lstsq(some.rest - some.rest.mean(axis=0), x - x.mean(axis=0), rcond=None)[0] for x in states]
+    if kind == "inverted":
+        assert np.linalg.det(axes[0]) > 0 > np.linalg.det(axes[1])
+    if kind == "collapsed":
+        assert [int((np.linalg.svd(a)[1] < 0.1).sum()) for a in axes] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("start", recovery.STARTS)
+def test_a_stout_bar_returns_from_every_start(start: str) -> None:
+    some = made()
+    rate = recovery.lowest_rate(some)
+    assert recovery.recovers(some, start, 0, rate) < recovery.BACK
+
+
+def test_the_lowest_rate_is_that_of_the_stiffness() -> None:
+    assert recovery.lowest_rate(made(young=2e7)) == pytest.approx(10 * recovery.lowest_rate(made()), rel=1e-3)
+
+
+def test_the_shape_at_rest_has_no_error_wherever_it_is_and_a_stretched_one_has() -> None:
+    some = made()
+    some.reset(2e-3)
+    turned = some.rest @ np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) + [1, 2, 3]
+    some.move(turned)
+    assert recovery.shape_error(some) < 1e-9
+    some.move(1.1 * turned)
+    assert recovery.shape_error(some) == pytest.approx(0.05, rel=1e-6)
+
+
+def test_what_falls_on_the_floor_comes_to_rest() -> None:
+    assert recovery.rests(made(), 0) < recovery.STILL
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_shapes_are_one_piece_of_some_thousand_voxels(shape: str) -> None:
+    for seed in range(2):
+        inside = drawn(shape, seed)
+        assert VOXELS[0] <= inside.sum() <= 12_000
+        assert (inside == drawn(shape, seed)).all()
+        labels = Volume.from_labels(inside.astype(np.uint8), 0.01, {1: Material(1e4, 0.3, 1000)})
+        assert (labels.largest_component().labels == labels.labels).all()
+
+
+def test_bodies_are_drawn_from_their_seed() -> None:
+    some = subjects(28, 0, bodies.METHODS, meshes=False)
+    assert some == subjects(28, 0, bodies.METHODS, meshes=False)
+    assert some != subjects(28, 1, bodies.METHODS, meshes=False)
+    assert {subject.law for subject in some} == {"corotational", *bodies.LAWS}
+    assert sum(subject.law == "corotational" and subject.method != "paper" for subject in some) == 28
+    assert {subject.ratio for subject in some} > {1.0, 10.0}
+    assert all(bodies.YOUNG[0] <= subject.young <= bodies.YOUNG[1] for subject in some)
+    two = next(subject for subject in some if subject.ratio != 1)
+    assert set(np.unique(two.volume().labels)) == {0, 1, 2}
+
+
+def test_a_body_is_measured_and_told_of(tmp_path: Path) -> None:
+    stout = Subject("blob", "blob", 0, 0.1, 1e5, 0.4, 1.0, 3)
+    found = measured(Job(stout, QUICK))
+    assert not found.why
+    assert [len(found.of(measure)) for measure in (GAIN, LOOP, RETURN)] == [4, 4, 6]
+    assert all(number.passes for number in found.of(RETURN))
+    assert found.of(LOOP, "bent")[0].passes
+    assert table([found]).row_count == 1
+    assert summary([found])[0].startswith("0 of 4 runs gain")
+    path, picture = write([found], tmp_path)
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == HEADER
+    assert len(rows) == len(found.numbers)
+    assert picture.stat().st_size > 5000
+
+
+def test_what_cannot_be_built_says_why(tmp_path: Path) -> None:
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    found = measured(Job(Subject("flat", str(tmp_path / "flat.obj"), 0, 0.1, 1e5, 0.4, 1.0, 3), QUICK))
+    assert "flat" in found.why
+
+
+def test_the_command_measures_a_few_bodies(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mjframes.benchmarks.energy", "--quick", "--bodies", "1"]
+    command += ["--laws", "corotational", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert "00 tray" in done.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {"energy.csv", "energy.png"}
