@@ -9,7 +9,7 @@ from builders.linked import body as bar
 from builders.scenes import lump
 
 from mjframes.body.soft_body import SoftBody
-from mjframes.elasticity.rotations import fallback_gradient, frame_gradients, frame_shares, region_gradient
+from mjframes.elasticity.rotations import frame_gradients, frame_shares, region_gradient
 
 MAP = np.array([[1.1, 0.3, -0.2], [0.1, 0.9, 0.4], [-0.3, 0.2, 1.2]])
 BODIES = {
@@ -40,25 +40,11 @@ def test_every_gradient_shows_linear_maps(body: SoftBody) -> None:
     for i in np.unique(frame):
         found = deformation(rest[frame == i] @ MAP.T + [1, 2, 3], own[frame == i])
         np.testing.assert_allclose(found, MAP if body.types[i] != "point" else 0, atol=1e-9)
-    for points, gradient, fallback in zip(
-        body.stiffness.points, body.stiffness.gradient, body.stiffness.fallback, strict=True
-    ):
+    for points, gradient in zip(body.stiffness.points, body.stiffness.gradient, strict=True):
         offset = rest[points] - rest[points].mean(axis=0)
         reach = np.linalg.pinv(offset, rcond=1e-6) @ offset
         moved = rest[points] @ MAP.T + [1, 2, 3]
         np.testing.assert_allclose(deformation(moved, gradient) @ reach, MAP @ reach, atol=1e-8)
-        if fallback.any():
-            np.testing.assert_allclose(deformation(moved, fallback), MAP, atol=1e-9)
-
-
-def test_fallbacks_are_of_the_parents_alone(body: SoftBody) -> None:
-    for points, fallback in zip(body.stiffness.points, body.stiffness.fallback, strict=True):
-        frame = body.control.frame[points]
-        assert not fallback[frame == frame[-1]].any()
-        root = (frame == frame[0]).all()
-        solid = "point" not in [body.types[i] for i in np.unique(frame)]
-        assert not (root and fallback.any())
-        assert fallback.any() or root or not solid
 
 
 def test_frames_count_as_firmly_as_they_hold_the_child() -> None:
@@ -76,20 +62,12 @@ def test_a_region_is_turned_halfway_between_a_child_and_its_parents() -> None:
     stiffness = RNG.normal(size=(36, 36))
     found = deformation(turned, region_gradient(POINTS, FRAMES, stiffness))
     np.testing.assert_allclose(found, 0.5 * (MAP + np.eye(3)), atol=1e-12)
-    np.testing.assert_allclose(deformation(turned, fallback_gradient(POINTS, FRAMES)), np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
 def test_regions_of_single_points(count: int) -> None:
-    """One fixes no rotation, two all but that about their line, three all; four may be turned over."""
+    """One fixes no rotation, two all but that about their line, three all."""
     rest, frame = POINTS[:count], np.arange(count)
     gradient = region_gradient(rest, frame, np.ones((3 * count, 3 * count)))
     assert np.linalg.matrix_rank(deformation(rest, gradient), tol=1e-9) == min(count - 1, 3)
     assert np.abs(gradient.sum(axis=0)).max() < 1e-12
-    assert fallback_gradient(rest, frame).any() == (count > 3)
-
-
-def test_single_points_in_a_plane_cannot_be_turned_over() -> None:
-    flat = POINTS * [1, 1, 0.05]
-    assert not fallback_gradient(flat, np.arange(12)).any()
-    assert fallback_gradient(flat, FRAMES).any()  # each frame knows its own thickness

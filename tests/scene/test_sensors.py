@@ -15,7 +15,6 @@ from builders.scenes import FLOOR, beam, distort, jumble, lump
 
 import mjframes as mf
 from mjframes.base.errors import MjframesError
-from mjframes.elasticity.corotational import CorotationalRegion
 from mjframes.scene import sensors
 from mjframes.scene.view import Soft
 
@@ -76,15 +75,13 @@ def test_sensors_say_what_the_views_say(case: str) -> None:
 
 
 @pytest.mark.parametrize("make", [beam, lump])
-def test_sensors_turn_with_the_parents_where_frames_disagree(make: Callable[[], mf.SoftBody]) -> None:
+def test_sensors_turn_with_their_regions_where_frames_oppose_them(make: Callable[[], mf.SoftBody]) -> None:
     model = sensed(make()).compile()
     data = mujoco.MjData(model)
     rng = np.random.default_rng(2)
     for _ in range(3):
         distort(model, data, rng, over=True)
         view = mf.soft(model, data, "meat")
-        regions = [region for region in view.regions if isinstance(region, CorotationalRegion)]
-        assert any(region.effective_gradient(view.control_positions[region.points])[0] < 1 for region in regions)
         for quantity, expected in by_view(view, chosen(make())).items():
             found = data.sensor(f"meat_{quantity}").data
             np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-8 * np.abs(expected).max())

@@ -18,7 +18,7 @@ import mjframes as mf
 from mjframes.base.choices import LAWS
 from mjframes.benchmarks.report.bricks import bricks, internal_force, nodal_load
 from mjframes.body.soft_body import SoftBody
-from mjframes.elasticity.corotational import SOFT_TWIST, CorotationalRegion, closest_rotation
+from mjframes.elasticity.corotational import CorotationalRegion
 from mjframes.elasticity.laws import hessian, law_of_constants, law_parameters, stress
 from mjframes.scene.view import soft
 from mjframes.volume.grid import voxel_grid
@@ -114,7 +114,7 @@ def test_what_remains_is_positive_and_the_law_has_most(law: str) -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_force_is_the_slope_of_the_energy_and_balanced(law: str) -> None:
-    rng, tried = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
     for region in regions(law):
         size = np.ptp(region.rest, axis=0).max()
         for _ in range(20):
@@ -122,16 +122,10 @@ def test_force_is_the_slope_of_the_energy_and_balanced(law: str) -> None:
             force = region.response(x)[0]
             assert np.abs(force.sum(axis=0)).max() < 1e-10 * np.abs(force).max()
             assert np.abs(np.cross(x - x.mean(axis=0), force).sum(axis=0)).max() < 1e-9 * np.abs(force).max() * size
-            theta, gradient = region.effective_gradient(x)
-            stretch = closest_rotation(x.T @ gradient).T @ x.T @ gradient
-            if theta < 1 or np.linalg.eigvalsh(np.trace(stretch) * np.eye(3) - stretch)[0] < 1.01 * SOFT_TWIST:
-                continue
-            tried += 1
             along = rng.normal(size=x.shape)
             ahead, behind = (region.energy(x + s * 1e-6 * size * along) for s in (1, -1))
             slope = (ahead - behind) / (2e-6 * size)
             assert abs(slope + np.sum(force * along)) < 1e-6 * np.linalg.norm(force) * np.linalg.norm(along)
-    assert tried > 30
 
 
 @pytest.mark.parametrize("law", LAWS)
