@@ -248,18 +248,19 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.log and (arguments.log_rate or arguments.log_topics):
         raise MjframesError("--log-rate and --log-topics are of a log; give --log FILE.mcap as well.")
     model, spec = load_scene(arguments.scene)
-    recording = record(
-        model,
-        arguments.duration,
-        video=arguments.video,
-        log=Log(arguments.log, arguments.log_rate, arguments.log_topics) if arguments.log else None,
-        plot=arguments.plot,
-        camera=arguments.camera,
-        fps=arguments.fps,
-        size=arguments.size,
-        scene=spec,
-        progress=True,
-    )
+    with printed_notices():
+        recording = record(
+            model,
+            arguments.duration,
+            video=arguments.video,
+            log=Log(arguments.log, arguments.log_rate, arguments.log_topics) if arguments.log else None,
+            plot=arguments.plot,
+            camera=arguments.camera,
+            fps=arguments.fps,
+            size=arguments.size,
+            scene=spec,
+            progress=True,
+        )
     print(summary(recording))
     if (faster := advice(model)) and soft_names(model):
         print(f"faster with   {faster}")
@@ -291,21 +292,22 @@ def collect(arguments: argparse.Namespace) -> int:
     from mjframes.app.collect.run import collect as collect_worlds
 
     start = time.perf_counter()
-    found = collect_worlds(
-        arguments.scene,
-        arguments.out,
-        worlds=arguments.worlds,
-        seconds=arguments.seconds,
-        vary=arguments.vary,
-        push=arguments.push,
-        control=arguments.control,
-        rate=arguments.rate,
-        seed=arguments.seed,
-        shard=arguments.shard,
-        threads=arguments.threads,
-        ray=arguments.ray,
-        progress=True,
-    )
+    with printed_notices():
+        found = collect_worlds(
+            arguments.scene,
+            arguments.out,
+            worlds=arguments.worlds,
+            seconds=arguments.seconds,
+            vary=arguments.vary,
+            push=arguments.push,
+            control=arguments.control,
+            rate=arguments.rate,
+            seed=arguments.seed,
+            shard=arguments.shard,
+            threads=arguments.threads,
+            ray=arguments.ray,
+            progress=True,
+        )
     early = f", {found.ended} of them end early, see worlds.csv" if found.ended else ""
     seconds = time.perf_counter() - start
     print(f"{found.folder}: {found.worlds} worlds in {len(found.shards)} shards{early}, {seconds:.1f} s")

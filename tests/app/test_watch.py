@@ -179,15 +179,15 @@ def test_a_held_body_is_not_asked_for_energy_that_comes_through_what_holds_it() 
 def test_run_prints_it_and_ends_well(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    volume = Volume.from_labels(BAR, 0.01, {1: Material(2e5, 0.4, 1000)})
-    path = tmp_path / "bar.xml"
-    path.write_text(standalone_scene(bar(), volume, name="bar").to_xml())
+    spec, path = mujoco.MjSpec.from_string(FLOOR), tmp_path / "bar.xml"
+    attach(spec, bar(), "bar", pos=(0, 0, 0.1), quat=TILTED)
+    path.write_text(spec.to_xml())
     assert main(["run", str(path), "--duration", "0.5"]) == 0
     assert "energy from nothing" not in capfd.readouterr().err
 
     def stirring(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
         data = start(model, warnings)
-        mujoco.set_mjcb_passive(stir(300.0))  # not before: MuJoCo's compiler cannot call what is of Python
+        mujoco.set_mjcb_passive(stir(30.0))  # not before: MuJoCo's compiler cannot call what is of Python
         return data
 
     monkeypatch.setattr("mjframes.app.run.start", stirring)
