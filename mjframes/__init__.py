@@ -33,10 +33,11 @@ if TYPE_CHECKING:
     from mjframes.body.options import Paper
     from mjframes.body.soft_body import SoftBody
     from mjframes.frames.supports import Attached, Fixed
-    from mjframes.scene.attach import Attachment, BranchWarning, attach
+    from mjframes.scene.attach import Attachment, BranchWarning, FloatWarning, attach
     from mjframes.scene.contact import Contact
     from mjframes.scene.inertia import mass_matrix, rigid_inertia
     from mjframes.scene.load import load_scene
+    from mjframes.scene.near import near
     from mjframes.scene.placing import place
     from mjframes.scene.scaling import scale
     from mjframes.scene.sensors import add_sensor
@@ -56,6 +57,7 @@ __all__ = [
     "Collection",
     "Contact",
     "Fixed",
+    "FloatWarning",
     "Harmonic",
     "ImageWarning",
     "Linear",
@@ -78,6 +80,7 @@ __all__ = [
     "film",
     "load_scene",
     "mass_matrix",
+    "near",
     "place",
     "record",
     "rigid_inertia",
@@ -96,10 +99,11 @@ _HOMES = {
     "body.options": ("Paper",),
     "body.soft_body": ("SoftBody",),
     "frames.supports": ("Attached", "Fixed"),
-    "scene.attach": ("Attachment", "BranchWarning", "attach"),
+    "scene.attach": ("Attachment", "BranchWarning", "FloatWarning", "attach"),
     "scene.contact": ("Contact",),
     "scene.inertia": ("mass_matrix", "rigid_inertia"),
     "scene.load": ("load_scene",),
+    "scene.near": ("near",),
     "scene.placing": ("place",),
     "scene.scaling": ("scale",),
     "scene.sensors": ("add_sensor",),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import NoReturn
 
 from mjframes.app.collect.plan import CONTROLS
@@ -23,11 +24,27 @@ from mjframes.base.choices import (
 )
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
+from mjframes.cli.fixed import FORMS, chosen
 
 BUILDING = (  # what says how a body is built, and so nothing to one that is
     "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
     "drop_unknown", "largest", "frame_type", "law", "mass", "mode", "damping", "weights", "subdivisions", "seed",
+    "fixed",
 )  # fmt: skip
+
+
+NEGATIVE = re.compile(r"-([xyz](:.*)?|[0-9.].*)")  # a value that begins as an option does
+
+
+def joined(words: Sequence[str]) -> list[str]:
+    """Return the command line with values like -z or -1,0,0 joined to the option before them: argparse needs that."""
+    found: list[str] = []
+    for word in words:
+        if NEGATIVE.fullmatch(word) and found and re.fullmatch(r"--[a-z-]+", found[-1]):
+            found[-1] += f"={word}"
+        else:
+            found.append(word)
+    return found
 
 
 class Parser(argparse.ArgumentParser):
@@ -63,11 +80,19 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
     command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
     command.add_argument(
+        "--fixed",
+        type=chosen,
+        action="append",
+        default=[],
+        metavar="WHERE",
+        help=f"what is glued to that body: {FORMS}, within that distance of its geoms; repeatable",
+    )
+    command.add_argument(
         "--pos",
         type=_place,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
-        help="in that body [m] (default 0,0,0); --pos=-1,0,0",
+        help="in that body [m] (default 0,0,0)",
     )
     command.add_argument(
         "--quat",
@@ -109,9 +134,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     units = command.add_mutually_exclusive_group()
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
     units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
-    command.add_argument(
-        "--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s); --up=-y"
-    )
+    command.add_argument("--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s)")
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
