@@ -9,7 +9,7 @@
     mf.attach(spec, body, "steak", pos=(0, 0, 0.3))
     model = spec.compile()
 
-Importing the package makes the engine plugins `mjframes.soft` and `mjframes.sensor` known to MuJoCo.
+Importing the package makes its engine plugins, `mjframes.soft` and others, known to MuJoCo.
 """
 
 from __future__ import annotations
