@@ -175,6 +175,14 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.set_defaults(command=functions["run"])
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
     command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="(default %(default)s)")
+    command.add_argument(
+        "--ctrl",
+        type=_controls,
+        metavar="NAME=VALUE,…|FILE",
+        help="constant controls by their actuators, or a file of controls over time: "
+        ".csv with the header time,NAME,… or .npy (t, 1 + nu); each row holds until the next",
+    )
+    command.add_argument("--keyframe", metavar="NAME|N", help="of the scene to start from (default: its initial state)")
     command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
     command.add_argument("--log", metavar="FILE", help="log to write: .mcap, for Foxglove")
     command.add_argument(
@@ -310,6 +318,22 @@ def _topics(text: str) -> tuple[str, ...]:
     if unknown := [topic for topic in topics if topic not in TOPICS]:
         raise argparse.ArgumentTypeError(f"{unknown[0]!r} is none of {', '.join(TOPICS)}")
     return topics
+
+
+def _controls(text: str) -> str | dict[str, float]:
+    if "=" not in text:
+        return text
+    found: dict[str, float] = {}
+    for pair in text.split(","):
+        name, _, value = pair.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not name or not math.isfinite(number) or name in found:
+            raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE,… with each name once, and no file either")
+        found[name] = number
+    return found
 
 
 def _bounded(text: str) -> tuple[str, tuple[float, float]]:

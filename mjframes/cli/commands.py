@@ -256,18 +256,21 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.log and (arguments.log_rate or arguments.log_topics):
         raise MjframesError("--log-rate and --log-topics are of a log; give --log FILE.mcap as well.")
     model, spec = load_scene(arguments.scene)
-    recording = record(
-        model,
-        arguments.duration,
-        video=arguments.video,
-        log=Log(arguments.log, arguments.log_rate, arguments.log_topics) if arguments.log else None,
-        plot=arguments.plot,
-        camera=arguments.camera,
-        fps=arguments.fps,
-        size=arguments.size,
-        scene=spec,
-        progress=True,
-    )
+    with printed_notices():
+        recording = record(
+            model,
+            arguments.duration,
+            video=arguments.video,
+            log=Log(arguments.log, arguments.log_rate, arguments.log_topics) if arguments.log else None,
+            plot=arguments.plot,
+            camera=arguments.camera,
+            fps=arguments.fps,
+            size=arguments.size,
+            scene=spec,
+            ctrl=arguments.ctrl,
+            keyframe=arguments.keyframe,
+            progress=True,
+        )
     print(summary(recording))
     if (faster := advice(model)) and soft_names(model):
         print(f"faster with   {faster}")
