@@ -7,8 +7,8 @@ A CSV has a header of `time` and names of actuators, a row an instant:
     0.5,-0.04,1
 
 An .npy holds (t, 1 + nu), a row an instant, first its time; or (t, nu), a row a step. nu: all controls of the model.
-Times are rounded to steps. Each row holds until the next one; the last to the end. What is not in the table stays as it is. A control has its
-actuator's name; where that has several, "press:0", "press:1".
+Times are rounded to steps. Each row holds until the next one; the last to the end. What is not in the table stays as
+it is. A control has its actuator's name; where that has several, "press:0", "press:1".
 """
 
 from __future__ import annotations

@@ -77,16 +77,16 @@ def attach(
     Raise MjframesError for a name that cannot be used, bodies that are not there, and where the plugin cannot be
     loaded.
     """
-    parent = _checked(spec, body, parent, contact)
+    within = _checked(spec, body, parent, contact)
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
         raise MjframesError(f"name is {name!r}; use one or more letters, digits, '_', '-' or '.'.")
     if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
     plugin.load()
-    place = _place(spec, body, parent, pos, quat)
-    if not body.links and links.moves(parent):
+    place = _place(spec, body, within, pos, quat)
+    if not body.links and links.moves(within):
         warnings.warn(
-            f"{name}: nothing of it is fixed to {parent.name!r}, which moves: it starts there and floats free; glue it "
+            f"{name}: nothing of it is fixed to {within.name!r}, which moves: it starts there and floats free; glue it "
             "with supports=mf.Fixed(mask) in mf.build, or --fixed on the command line.",
             FloatWarning,
             stacklevel=2,
