@@ -25,6 +25,7 @@ from mjframes.base.choices import (
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
 from mjframes.cli.fixed import FORMS, chosen
+from mjframes.cli.lengths import direction, indenter, length
 
 BUILDING = (  # what says how a body is built, and so nothing to one that is
     "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
@@ -210,6 +211,29 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--state", type=float, metavar="T", help="print the logged state nearest to this time [s], as JSON"
     )
     _add_film(command)
+
+    command = commands.add_parser("press", help="press a ball, cylinder or punch into a soft body; force over depth")
+    command.set_defaults(command=functions["press"])
+    command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument(
+        "--with",
+        dest="indenter",
+        type=indenter,
+        required=True,
+        metavar="KIND:SIZE",
+        help="ball:10mm or cylinder:10mm (radius, the cylinder's flat end first), punch:10mm (width of a flat square)",
+    )
+    command.add_argument(
+        "--depth", type=length, required=True, metavar="LENGTH", help="from the first force on: 5mm, or in metres"
+    )
+    command.add_argument("--body", metavar="NAME", help="the soft body, where the scene has several")
+    command.add_argument("--at", type=_place, metavar="X,Y,Z", help="a point on its path [m] (default: the middle)")
+    command.add_argument(
+        "--direction", type=direction, default=(0.0, 0.0, -1.0), metavar="AXIS|X,Y,Z", help="of its path (default -z)"
+    )
+    command.add_argument("--speed", type=_factor, metavar="M/S", help="(default: the depth in one second)")
+    command.add_argument("--plot", metavar="FILE", help="figure to write (default: SCENE-press.png)")
+    command.add_argument("--table", metavar="FILE", help="depth_m,force_N,hertz_N to write (default: SCENE-press.csv)")
 
     command = commands.add_parser("collect", help="step many worlds of a scene, each with its own materials and pushes")
     command.set_defaults(command=functions["collect"])

@@ -1,5 +1,5 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`, `check`,
-`doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `press`, `collect`, `view`, `bench`, `report`,
+`check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -297,6 +297,32 @@ def replay(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def press(arguments: argparse.Namespace) -> int:
+    """Press an indenter into a soft body; write force over depth as plot and table."""
+    from mjframes.app.press import Indenter, plot_press, summary, write_table
+    from mjframes.app.press import press as press_body
+
+    scene = Path(arguments.scene)
+    plot = Path(arguments.plot or scene.with_name(f"{scene.stem}-press.png"))
+    table = Path(arguments.table or scene.with_name(f"{scene.stem}-press.csv"))
+    kind, size = arguments.indenter
+    pressed = press_body(
+        scene,
+        Indenter(kind, size),
+        arguments.depth,
+        body=arguments.body,
+        at=arguments.at,
+        direction=arguments.direction,
+        speed=arguments.speed,
+    )
+    write_table(pressed, table)
+    plot_press(pressed, plot, f"{scene.stem}: {kind} of {1e3 * size:g} mm")
+    for note in pressed.notes:
+        print(f"mjframes: {note}", file=sys.stderr)
+    print(f"{plot}, {table}: {summary(pressed)}")
+    return 0
+
+
 def collect(arguments: argparse.Namespace) -> int:
     """Step many worlds of a scene; write shards and a table."""
     from mjframes.app.collect.run import collect as collect_worlds
@@ -430,6 +456,7 @@ COMMANDS = {
     "inspect": inspect,
     "run": run,
     "replay": replay,
+    "press": press,
     "collect": collect,
     "view": view,
     "bench": bench,

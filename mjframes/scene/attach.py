@@ -108,7 +108,7 @@ def attach(
         add_patches(own, body, bodies, patches, parameters, name)
     if not place.bodies:
         add_skins(own, body, carried, local)
-    add_scaling(own, local, body.deformable)
+    add_scaling(own, local, body.deformable, body.materials)
     own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")

@@ -52,10 +52,12 @@ def wrenches(data: mujoco.MjData, bodies: NDArray[np.int64], points: Array, forc
 class Touch:
     """A contact of one of some geoms.
 
-    geom: that one.  position: (3,) [m] and force: (3,) on it [N], in the world.  rows: of the constraints.
+    geom: that one.  other: the other one, −1 for a flex.
+    position: (3,) [m] and force: (3,) on it [N], in the world.  rows: of the constraints.
     """
 
     geom: int
+    other: int
     position: Array
     force: Array
     rows: NDArray[np.int64]
@@ -70,10 +72,10 @@ def touches_of(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int
         if contact.efc_address < 0 or (first in chosen) == (second in chosen):
             continue
         mujoco.mj_contactForce(model, data, number, wrench)  # on the second geom
-        geom, sign = (second, 1) if second in chosen else (first, -1)
+        geom, other, sign = (second, first, 1) if second in chosen else (first, second, -1)
         count = 2 * contact.dim - 2 if pyramid and contact.dim > 1 else contact.dim
         rows = contact.efc_address + np.arange(count)
-        yield Touch(geom, contact.pos.copy(), sign * wrench[:3] @ contact.frame.reshape(3, 3), rows)
+        yield Touch(geom, other, contact.pos.copy(), sign * wrench[:3] @ contact.frame.reshape(3, 3), rows)
 
 
 def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[np.int64]) -> Array:
