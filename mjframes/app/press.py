@@ -206,7 +206,7 @@ class _Press:
     def _settle(self) -> list[str]:
         """Let the scene come to rest without the indenter."""
         self._contact(False)
-        keep = math.exp(-DRAG * self.model.opt.timestep)
+        keep, fastest = math.exp(-DRAG * self.model.opt.timestep), 0.0
         while self.data.time < SETTLING:
             self._step()
             self.data.qvel *= keep

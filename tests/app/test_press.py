@@ -69,9 +69,7 @@ def test_a_ball_is_pressed_beside_hertz(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.hertz, 4 / 3 * YOUNG / (1 - POISSON**2) * 0.02**0.5 * found.depth**1.5, rtol=1e-2)
     assert found.depth[-1] == pytest.approx(0.002, rel=0.02)
     coarse = pressed(tmp_path, "ball", 0.02, 0.002, frames=6)
-    assert (
-        1 < found.force[-1] / found.hertz[-1] < 3.2 < coarse.force[-1] / found.hertz[-1]
-    )  # frames make no dents smaller than their distance
+    assert 1 < found.force[-1] / found.hertz[-1] < 3.2 < coarse.force[-1] / found.hertz[-1]
     assert found.notes[0].startswith("Hertz's force does not hold at 2 mm: the contact's radius of 6.3")
     assert found.notes[1].startswith("frames make no dents smaller than their distance")
 
