@@ -74,6 +74,21 @@ def test_a_ball_is_pressed_beside_hertz(tmp_path: Path) -> None:
     assert found.notes[1].startswith("frames make no dents smaller than their distance")
 
 
+def test_the_surface_of_a_soft_ball_counts_with_its_curvature(tmp_path: Path) -> None:
+    center = (np.arange(20) + 0.5) * 0.004 - 0.04
+    inside = (np.stack(np.meshgrid(center, center, center, indexing="ij")) ** 2).sum(axis=0) < 0.04**2
+    material = mf.Material(YOUNG, POISSON, 1000)
+    volume = mf.Volume.from_labels(inside.astype(int), 0.004, {1: material}, origin=(-0.04,) * 3)
+    spec = mujoco.MjSpec()
+    mf.attach(spec, mf.build(volume, 4, supports=mf.Fixed(volume.side("-z", 0.016)), damping=(0.0, 0.01)), "ball")
+    spec.compile()
+    (tmp_path / "ball.xml").write_text(spec.to_xml())
+    found = press(tmp_path / "ball.xml", Indenter("ball", 0.02), 0.001)
+    radius = 1 / (1 / 0.02 + 1 / 0.04)
+    expected = 4 / 3 * YOUNG / (1 - POISSON**2) * radius**0.5 * found.depth**1.5
+    np.testing.assert_allclose(found.hertz, expected, rtol=0.1)
+
+
 def test_a_cylinder_finds_more_than_a_ball_of_its_radius(tmp_path: Path) -> None:
     forces = [pressed(tmp_path, kind, 0.02, 0.001).force[-1] for kind in ("ball", "cylinder")]
     rigid = 2 * 0.02 * YOUNG / (1 - POISSON**2) * 0.001  # of a flat cylinder on a half-space
