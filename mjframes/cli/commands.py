@@ -316,7 +316,7 @@ def press(arguments: argparse.Namespace) -> int:
         speed=arguments.speed,
     )
     write_table(pressed, table)
-    plot_press(pressed, plot, f"{scene.stem}: {kind} of {1e3 * size:g} mm")
+    plot_press(pressed, plot, f"{scene.stem}: {kind}:{1e3 * size:g}mm")
     for note in pressed.notes:
         print(f"mjframes: {note}", file=sys.stderr)
     print(f"{plot}, {table}: {summary(pressed)}")
