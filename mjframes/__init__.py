@@ -9,7 +9,7 @@
     mf.attach(spec, body, "steak", pos=(0, 0, 0.3))
     model = spec.compile()
 
-Importing the package makes the engine plugins `mjframes.soft` and `mjframes.sensor` known to MuJoCo.
+Importing the package makes its engine plugins, `mjframes.soft` and others, known to MuJoCo.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ if TYPE_CHECKING:
     from mjframes.body.options import Paper
     from mjframes.body.soft_body import SoftBody
     from mjframes.frames.supports import Attached, Fixed
-    from mjframes.scene.attach import Attachment, BranchWarning, attach
+    from mjframes.scene.attach import Attachment, BranchWarning, FloatWarning, attach
     from mjframes.scene.contact import Contact
     from mjframes.scene.inertia import mass_matrix, rigid_inertia
     from mjframes.scene.load import load_scene
+    from mjframes.scene.near import near
     from mjframes.scene.placing import place
     from mjframes.scene.scaling import scale
     from mjframes.scene.sensors import add_sensor
@@ -57,6 +58,7 @@ __all__ = [
     "Collection",
     "Contact",
     "Fixed",
+    "FloatWarning",
     "Harmonic",
     "ImageWarning",
     "InstabilityWarning",
@@ -80,6 +82,7 @@ __all__ = [
     "film",
     "load_scene",
     "mass_matrix",
+    "near",
     "place",
     "record",
     "rigid_inertia",
@@ -99,10 +102,11 @@ _HOMES = {
     "body.options": ("Paper",),
     "body.soft_body": ("SoftBody",),
     "frames.supports": ("Attached", "Fixed"),
-    "scene.attach": ("Attachment", "BranchWarning", "attach"),
+    "scene.attach": ("Attachment", "BranchWarning", "FloatWarning", "attach"),
     "scene.contact": ("Contact",),
     "scene.inertia": ("mass_matrix", "rigid_inertia"),
     "scene.load": ("load_scene",),
+    "scene.near": ("near",),
     "scene.placing": ("place",),
     "scene.scaling": ("scale",),
     "scene.sensors": ("add_sensor",),

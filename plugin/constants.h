@@ -138,6 +138,10 @@ inline constexpr int kEdgePoints = 3;                        // between the corn
 inline constexpr int kRimPoints = 16;      // of a cylinder: between them the rim bulges by 2 % of the radius
 inline constexpr int kCapsulePoints = 17;  // at most, along the axis
 
+// Sensors (places.h)
+
+inline constexpr double kDifference = 1e-5;  // [-] of a region's size that points move in a difference: nine digits
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_CONSTANTS_H_

@@ -246,6 +246,10 @@ Vec3 Kinematics::PositionToLocal(const mjData* d, const Vec3& position) const {
   return ToLocal(d, position - ToVec3(d->xpos + 3 * holder_));
 }
 
+Vec3 Kinematics::PositionToWorld(const mjData* d, const Vec3& position) const {
+  return ToVec3(d->xpos + 3 * holder_) + Mul(Axes(d), position);
+}
+
 Mat3 Kinematics::Axes(const mjData* d) const { return ToMat3(d->xmat + 9 * holder_); }
 
 void Kinematics::Gather(const mjModel* m, const mjData* d) {

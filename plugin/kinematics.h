@@ -123,9 +123,13 @@ class Kinematics {
   // Whether some of the soft body is fixed to this body of the scene.
   bool IsHeldBy(int body) const { return std::find(held_by_.begin(), held_by_.end(), body) != held_by_.end(); }
 
-  // The soft body's axes in the world, a world direction and a world position in them.
+  // The soft body's axes in the world, a world position and a world direction in them.
   Mat3 Axes(const mjData* d) const;
   Vec3 PositionToLocal(const mjData* d, const Vec3& position) const;
+  // The other way.
+  Vec3 PositionToWorld(const mjData* d, const Vec3& position) const;
+  // The body whose axes they are.
+  int holder() const { return holder_; }
   Vec3 ToLocal(const mjData* d, const Vec3& direction) const { return MulT(Axes(d), direction); }
 
   // Whether its entries of d->M are replaced: where all movers are slides along the axes, the rigid inertia of two of

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "plugin.h"
 #include "world.h"
@@ -13,15 +14,31 @@ namespace {
 
 constexpr const char* kAttributes[] = {
     "quantity",
-    "region",     // of each point                                (n)
-    "gradient",   // ∇W_j, region's control points, point by point [1/m]
-    "factor",     // which one its material follows; left out for one alone (n)
-    "constants",  // λ, μ, 0 or those of the law, point by point  (n × 3)
-    "slack",      // left out where it is zero                    (n × 9)
-    "lift",       // left out where it is zero; 9 × 3m of each point [1/m]
+    "region",        // of each point                                (n)
+    "gradient",      // ∇W_j, region's control points, point by point [1/m]
+    "factor",        // which one its material follows; left out for one alone (n)
+    "constants",     // λ, μ, 0 or those of the law, point by point  (n × 3)
+    "slack",         // left out where it is zero                    (n × 9)
+    "lift",          // left out where it is zero; 9 × 3m of each point [1/m]
+    "weight_size",   // of positions and velocities: how many control points move each point  (n)
+    "weight_point",  // which                                                                 (Σ)
+    "weight",        // W_j                                                                   (Σ)
+    "offset",        // left out where it is zero [m]                                     (n × 3)
+    "rise",          // left out where it is zero; 3 × 3m of each point [-]
 };
 
-enum Quantity { kElasticEnergy, kKineticEnergy, kEnergyDensity, kStress, kStrain, kDeformationGradient, kQuantities };
+enum Quantity {
+  kElasticEnergy,
+  kKineticEnergy,
+  kEnergyDensity,
+  kStress,
+  kStrain,
+  kDeformationGradient,
+  kPosition,
+  kVelocity,
+  kContactForce,
+  kQuantities
+};
 
 struct Kind {
   const char* name;
@@ -36,6 +53,9 @@ constexpr Kind kKinds[kQuantities] = {
     {"stress", 6, true},           // Cauchy's, in the world's axes: xx, yy, zz, yz, xz, xy [Pa]
     {"strain", 6, true},           // Green's, in the volume's axes, in the same order
     {"deformation_gradient", 9, true},
+    {"position", 3, true},        // in the world [m]
+    {"velocity", 3, true},        // in the world [m/s]
+    {"contact_force", 3, false},  // in the world [N]
 };
 
 int QuantityOf(const char* name) {
@@ -43,6 +63,28 @@ int QuantityOf(const char* name) {
     if (std::strcmp(kKinds[i].name, name) == 0) return i;
   }
   return -1;
+}
+
+// Positions and velocities rather than their slopes.
+bool IsPlace(int quantity) { return quantity == kPosition || quantity == kVelocity; }
+
+// Whether a contact's geom, −1 for a flex, is a patch of the soft body of this instance.
+bool IsPatch(const mjModel* m, int instance, int geom) {
+  return geom >= 0 && m->geom_plugin[geom] >= 0 && m->body_plugin[m->geom_bodyid[geom]] == instance;
+}
+
+// The sum of the contact forces on a soft body, in the world [N]; after the constraint solver.
+Vec3 ContactForce(const mjModel* m, const mjData* d, int instance) {
+  Vec3 sum{};
+  for (int i = 0; i < d->ncon; i++) {
+    const mjContact& contact = d->contact[i];
+    const int sign = IsPatch(m, instance, contact.geom[1]) - IsPatch(m, instance, contact.geom[0]);
+    if (sign == 0) continue;
+    mjtNum force[6];  // on the second geom, in the contact's frame
+    mj_contactForce(m, d, i, force);
+    sum = sum + sign * MulT(ToMat3(contact.frame), ToVec3(force));
+  }
+  return sum;
 }
 
 void StoreSymmetric(const Mat3& a, mjtNum* out) {
@@ -77,15 +119,22 @@ std::unique_ptr<Sensor> Sensor::Create(const mjModel* m, int instance) {
   std::unique_ptr<Sensor> sensor(new Sensor());
   sensor->quantity_ = QuantityOf(reader.Text("quantity"));
   reader.Check(sensor->quantity_ >= 0,
-               "quantity has to be 'elastic_energy', 'kinetic_energy', 'energy_density', 'stress', 'strain' or "
-               "'deformation_gradient'");
+               "quantity has to be 'elastic_energy', 'kinetic_energy', 'energy_density', 'stress', 'strain', "
+               "'deformation_gradient', 'position', 'velocity' or 'contact_force'");
   const int id = SensorOf(m, instance);
   if (reader.Check(id >= 0, "its instance has to belong to one sensor")) {
     sensor->address_ = m->sensor_adr[id];
     sensor->soft_ = m->sensor_objtype[id] == mjOBJ_BODY ? SoftBodyHeldBy(m, m->sensor_objid[id]) : -1;
     reader.Check(sensor->soft_ >= 0, "objtype has to be 'body' and objname that of a soft body");
+    reader.Check((sensor->quantity_ == kContactForce) == (m->sensor_needstage[id] == mjSTAGE_ACC),
+                 "contact_force is a quantity of the plugin mjframes.force_sensor, the others are of mjframes.sensor");
   }
-  if (reader.ok() && kKinds[sensor->quantity_].of_point) sensor->ReadSamples(m, &reader);
+  if (reader.ok() && IsPlace(sensor->quantity_)) {
+    Reader soft(m, sensor->soft_);
+    sensor->places_.Read(&soft, &reader);
+  } else if (reader.ok() && kKinds[sensor->quantity_].of_point) {
+    sensor->ReadSamples(m, &reader);
+  }
   if (reader.ok() && m->sensor_dim[id] != Size(m, instance)) reader.Fail("its number of values is another one");
   if (!reader.ok()) {
     const char* name = id >= 0 ? m->names + m->name_sensoradr[id] : m->names + m->name_pluginadr[instance];
@@ -183,9 +232,16 @@ PointState Sensor::StateOf(const SoftBody& body, const std::vector<Mat3>& rotati
 }
 
 void Sensor::Compute(const mjModel* m, mjData* d) {
-  SoftBody* body = GetSoftBody(d, soft_);
   mjtNum* out = d->sensordata + address_;
+  if (quantity_ == kContactForce) {
+    const Vec3 force = ContactForce(m, d, soft_);
+    std::copy(force.begin(), force.end(), out);
+    return;
+  }
+  SoftBody* body = GetSoftBody(d, soft_);
   body->Locate(m, d);
+  if (quantity_ == kPosition) places_.StorePositions(body, d, out);
+  if (quantity_ == kVelocity) places_.StoreVelocities(body, m, d, out);
   if (quantity_ == kElasticEnergy) *out = body->ElasticEnergy();
   if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
   const Mat3 axes = body->kinematics().Axes(d);
@@ -211,13 +267,17 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
 }
 
 void RegisterSensor() {
-  mjpPlugin plugin = PluginWith<Sensor>(kSensorName, mjPLUGIN_SENSOR);
-  plugin.needstage = mjSTAGE_VEL;
-  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
-  plugin.attributes = kAttributes;
-  plugin.nsensordata = +[](const mjModel* m, int instance, int) { return Sensor::Size(m, instance); };
-  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int) { DataOf<Sensor>(d, instance)->Compute(m, d); };
-  mjp_registerPlugin(&plugin);
+  // the velocity stage knows positions and velocities, the acceleration stage contact forces as well
+  for (const auto& [name, stage] : {std::pair{kSensorName, mjSTAGE_VEL}, std::pair{kForceSensorName, mjSTAGE_ACC}}) {
+    mjpPlugin plugin = PluginWith<Sensor>(name, mjPLUGIN_SENSOR);
+    plugin.needstage = stage;
+    plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
+    plugin.attributes = kAttributes;
+    plugin.nsensordata = +[](const mjModel* m, int instance, int) { return Sensor::Size(m, instance); };
+    plugin.compute =
+        +[](const mjModel* m, mjData* d, int instance, int) { DataOf<Sensor>(d, instance)->Compute(m, d); };
+    mjp_registerPlugin(&plugin);
+  }
 }
 
 }  // namespace mjframes

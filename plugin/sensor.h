@@ -1,4 +1,5 @@
-// mjframes.sensor: energies of a soft body, and stress and strain at points of its material, as MuJoCo sensors.
+// mjframes.sensor: energies of a soft body, and stress, strain, positions and velocities at points of its material, as
+// MuJoCo sensors; mjframes.force_sensor: the contact force on it.
 //
 //   F = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R L y
 //   ε = sym(Σ_j y_j ∇W_jᵀ + L y), y_j = Rᵀ x_j − x̄_j        corotational, R of the point's region
@@ -6,7 +7,8 @@
 //
 // The sensor's object is the body that the soft body hangs on. F maps volume coordinates to the world, σ is in the
 // world's axes. Each sensor has an instance of its own. Computed in the velocity stage, from positions and velocities
-// alone. Index letters: n material point; j control point.
+// alone; the contact force in the acceleration stage, after the constraint solver. Positions: see places.h.
+// Index letters: n material point; j control point.
 
 #ifndef MJFRAMES_PLUGIN_SENSOR_H_
 #define MJFRAMES_PLUGIN_SENSOR_H_
@@ -19,12 +21,14 @@
 
 #include "attributes.h"
 #include "linear.h"
+#include "places.h"
 #include "quadrature.h"
 #include "soft_body.h"
 
 namespace mjframes {
 
 inline constexpr char kSensorName[] = "mjframes.sensor";
+inline constexpr char kForceSensorName[] = "mjframes.force_sensor";
 
 // A point of the material.
 struct Sample {
@@ -56,9 +60,10 @@ class Sensor {
   int quantity_ = 0;                          // place in the table of quantities
   int soft_ = -1;                             // the soft body's plugin instance
   int address_ = 0;                           // in sensordata
-  std::vector<Sample> samples_;               // none for energies of the whole body
+  std::vector<Sample> samples_;               // none for quantities of the whole body, positions and velocities
   std::vector<QuadratureRegion> quadrature_;  // one a sample, of another law than the corotational one
   std::unique_ptr<QuadratureScratch> scratch_;
+  Places places_;  // of positions and velocities
 };
 
 void RegisterSensor();

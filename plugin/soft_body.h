@@ -36,7 +36,8 @@ class SoftBody {
   // After Locate [J].
   double ElasticEnergy() { return elasticity_.Energy(kinematics_.x().data()); }
   // R of each region of the law `corotational`, or with cells.
-  const std::vector<Mat3>& RegionRotations() { return elasticity_.Rotations(kinematics_.x().data()); }
+  const std::vector<Mat3>& RegionRotations() { return RegionRotationsAt(kinematics_.x().data()); }
+  const std::vector<Mat3>& RegionRotationsAt(const Vec3* x) { return elasticity_.Rotations(x); }
   double KineticEnergy(const mjModel* m, const mjData* d);
 
   int instance() const { return instance_; }

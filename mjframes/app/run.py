@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ import mujoco
 from rich.console import Console
 from rich.progress import track
 
+from mjframes.app.control_table import control_table
 from mjframes.app.log.options import TOPICS, Log
 from mjframes.app.measure import measure, penetration, state_of, weight_of
 from mjframes.app.recording import Instant, Recording, State
@@ -22,7 +23,7 @@ from mjframes.app.ticks import Ticks
 from mjframes.app.watch import Watch
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
-from mjframes.scene.load import DIVERGED, mujoco_warnings, start
+from mjframes.scene.load import DIVERGED, mujoco_warnings, reset_to, start
 from mjframes.scene.packed import pack
 
 if TYPE_CHECKING:
@@ -42,10 +43,15 @@ def record(
     fps: float = 30.0,
     size: tuple[int, int] = (1280, 720),
     scene: mujoco.MjSpec | None = None,
+    ctrl: Mapping[str, float] | str | os.PathLike[str] | None = None,
+    keyframe: str | int | None = None,
     progress: bool = False,
 ) -> Recording:
     """Step a scene from its initial state for `duration` [s] and record it.
 
+    ctrl: constant controls by the names of actuators, or a file with controls over time, .csv or .npy
+    (`app.control_table`).
+    keyframe: of the scene to start from, its name or number.
     video, log, plot: files to write (.mp4, .mcap, .png), all of them or, where the run fails, none; `Log(…)` chooses
     what is logged, and how often.
     camera, fps, size: of the video, see `video.film`.  scene: what the model was compiled from, which goes into the log
@@ -59,6 +65,7 @@ def record(
     timestep = model.opt.timestep
     if not (math.isfinite(timestep) and timestep > 0):
         raise MjframesError(f"the scene's timestep is {timestep!r}; it must be a positive time in seconds, as 0.002.")
+    controls = None if ctrl is None else control_table(model, ctrl)
     steps = max(1, round(duration / timestep))
     stride = math.ceil(steps / RECORDS)
     instants: list[Instant] = []
@@ -68,6 +75,9 @@ def record(
         warnings = stack.enter_context(mujoco_warnings())
         stack.enter_context(_potential_energy(model))
         data = start(model, warnings)
+        if keyframe is not None:
+            reset_to(model, data, keyframe)
+        begun = data.time
         bodies = {name: view.soft(model, data, name) for name in view.soft_names(model)}
         weight, logging, watch = weight_of(model), None, Watch(model, data, bodies)
         if log is not None:
@@ -89,6 +99,8 @@ def record(
         hidden = not (progress and sys.stderr.isatty())
         for step in track(range(steps), "stepping", console=Console(stderr=True), transient=True, disable=hidden):
             state = state_of(data)
+            if controls is not None:
+                controls.set(data, data.time - begun, timestep)
             begin = time.perf_counter()
             mujoco.mj_step(model, data)
             seconds += time.perf_counter() - begin

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import NoReturn
 
 from mjframes.app.collect.plan import CONTROLS
@@ -23,11 +24,28 @@ from mjframes.base.choices import (
 )
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
+from mjframes.cli.fixed import FORMS, chosen
+from mjframes.cli.lengths import direction, indenter, length
 
 BUILDING = (  # what says how a body is built, and so nothing to one that is
     "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
     "drop_unknown", "largest", "frame_type", "law", "mass", "mode", "damping", "weights", "subdivisions", "seed",
+    "fixed",
 )  # fmt: skip
+
+
+NEGATIVE = re.compile(r"-([xyz](:.*)?|[0-9.].*)")  # a value that begins as an option does
+
+
+def joined(words: Sequence[str]) -> list[str]:
+    """Return the command line with values like -z or -1,0,0 joined to the option before them: argparse needs that."""
+    found: list[str] = []
+    for word in words:
+        if NEGATIVE.fullmatch(word) and found and re.fullmatch(r"--[a-z-]+", found[-1]):
+            found[-1] += f"={word}"
+        else:
+            found.append(word)
+    return found
 
 
 class Parser(argparse.ArgumentParser):
@@ -63,11 +81,19 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
     command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
     command.add_argument(
+        "--fixed",
+        type=chosen,
+        action="append",
+        default=[],
+        metavar="WHERE",
+        help=f"what is glued to that body: {FORMS}, within that distance of its geoms; repeatable",
+    )
+    command.add_argument(
         "--pos",
         type=_place,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
-        help="in that body [m] (default 0,0,0); --pos=-1,0,0",
+        help="in that body [m] (default 0,0,0)",
     )
     command.add_argument(
         "--quat",
@@ -109,9 +135,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     units = command.add_mutually_exclusive_group()
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
     units.add_argument("--scale", type=_factor, metavar="FACTOR", help="metres in a unit of the meshes")
-    command.add_argument(
-        "--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s); --up=-y"
-    )
+    command.add_argument("--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s)")
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
     command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
     command.add_argument(
@@ -152,6 +176,14 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.set_defaults(command=functions["run"])
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
     command.add_argument("--duration", type=float, default=3.0, metavar="SECONDS", help="(default %(default)s)")
+    command.add_argument(
+        "--ctrl",
+        type=_controls,
+        metavar="NAME=VALUE,…|FILE",
+        help="constant controls by their actuators, or a file of controls over time: "
+        ".csv with the header time,NAME,… or .npy (t, 1 + nu); each row holds until the next",
+    )
+    command.add_argument("--keyframe", metavar="NAME|N", help="of the scene to start from (default: its initial state)")
     command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
     command.add_argument("--log", metavar="FILE", help="log to write: .mcap, for Foxglove")
     command.add_argument(
@@ -179,6 +211,29 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--state", type=float, metavar="T", help="print the logged state nearest to this time [s], as JSON"
     )
     _add_film(command)
+
+    command = commands.add_parser("press", help="press a ball, cylinder or punch into a soft body; force over depth")
+    command.set_defaults(command=functions["press"])
+    command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument(
+        "--with",
+        dest="indenter",
+        type=indenter,
+        required=True,
+        metavar="KIND:SIZE",
+        help="ball:10mm or cylinder:10mm (radius, the cylinder's flat end first), punch:10mm (width of a flat square)",
+    )
+    command.add_argument(
+        "--depth", type=length, required=True, metavar="LENGTH", help="from the first force on: 5mm, or in metres"
+    )
+    command.add_argument("--body", metavar="NAME", help="the soft body, where the scene has several")
+    command.add_argument("--at", type=_place, metavar="X,Y,Z", help="a point on its path [m] (default: the middle)")
+    command.add_argument(
+        "--direction", type=direction, default=(0.0, 0.0, -1.0), metavar="AXIS|X,Y,Z", help="of its path (default -z)"
+    )
+    command.add_argument("--speed", type=_factor, metavar="M/S", help="(default: the depth in one second)")
+    command.add_argument("--plot", metavar="FILE", help="figure to write (default: SCENE-press.png)")
+    command.add_argument("--table", metavar="FILE", help="depth_m,force_N,hertz_N to write (default: SCENE-press.csv)")
 
     command = commands.add_parser("collect", help="step many worlds of a scene, each with its own materials and pushes")
     command.set_defaults(command=functions["collect"])
@@ -287,6 +342,22 @@ def _topics(text: str) -> tuple[str, ...]:
     if unknown := [topic for topic in topics if topic not in TOPICS]:
         raise argparse.ArgumentTypeError(f"{unknown[0]!r} is none of {', '.join(TOPICS)}")
     return topics
+
+
+def _controls(text: str) -> str | dict[str, float]:
+    if "=" not in text:
+        return text
+    found: dict[str, float] = {}
+    for pair in text.split(","):
+        name, _, value = pair.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not name or not math.isfinite(number) or name in found:
+            raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE,… with each name once, and no file either")
+        found[name] = number
+    return found
 
 
 def _bounded(text: str) -> tuple[str, tuple[float, float]]:

@@ -1,5 +1,5 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`, `check`,
-`doctor`.
+"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `press`, `collect`, `view`, `bench`, `report`,
+`check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -21,11 +21,12 @@ from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from mjframes.base.errors import MjframesError, Notice, out_of_memory
-from mjframes.cli.arguments import command_line
+from mjframes.cli.arguments import command_line, joined
 
 if TYPE_CHECKING:
     from mjframes.body.options import Paper
     from mjframes.body.soft_body import SoftBody
+    from mjframes.frames.supports import Support
     from mjframes.volume.volume import Volume
     from mjframes.weights.weights import Weights
 
@@ -34,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     try:
         with _terminable():
-            arguments = command_line(COMMANDS).parse_args(argv)
+            arguments = command_line(COMMANDS).parse_args(joined(sys.argv[1:] if argv is None else argv))
             status = arguments.command(arguments)
             sys.stdout.flush()
             return status
@@ -89,6 +90,8 @@ def build(arguments: argparse.Namespace) -> int:
     moved = [name for name, default in placing.items() if getattr(arguments, name) != default]
     if moved and not arguments.into:
         raise MjframesError(f"--{moved[0]} places the body in the scene of --into; give that too, or leave it out.")
+    if any(one.kind == "near" for one in arguments.fixed) and not arguments.into:
+        raise MjframesError("--fixed near:… measures from the geoms of a scene's body; give --into and --parent.")
     import mujoco
     from rich.console import Console
 
@@ -105,15 +108,9 @@ def build(arguments: argparse.Namespace) -> int:
         status.update("writing")
         try:
             if arguments.into:
-                spec = scene_with(
-                    body,
-                    arguments.into,
-                    arguments.name,
-                    arguments.parent,
-                    arguments.pos,
-                    arguments.quat,
-                    arguments.contact,
-                )
+                place = (arguments.name, arguments.parent, arguments.pos, arguments.quat)
+                with printed_notices():
+                    spec = scene_with(body, arguments.into, *place, arguments.contact)
             elif arguments.fragment:
                 spec = fragment(body, arguments.name, arguments.contact)
             else:
@@ -157,8 +154,9 @@ def _loaded(arguments: argparse.Namespace) -> SoftBody:
 
 def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> SoftBody:
     """The soft body made of the volume or the meshes that are given."""
+    from mjframes.base.constants import METRES
     from mjframes.body.build import build as build_body
-    from mjframes.cli.inputs import METRES, Materials, parse_fill, parse_materials, read_materials, read_volume
+    from mjframes.cli.inputs import Materials, parse_fill, parse_materials, read_materials, read_volume
 
     materials = read_materials(arguments.materials) if arguments.materials else Materials()
     materials = Materials(
@@ -179,6 +177,7 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
         volume = largest_piece(volume)
     return build_body(
         volume,
+        supports=_supports(arguments, volume),
         frames=arguments.frames or (None if arguments.error else 3),
         error=arguments.error,
         seed=arguments.seed,
@@ -191,6 +190,15 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
         damping=arguments.damping,
         progress=progress,
     )
+
+
+def _supports(arguments: argparse.Namespace, volume: Volume) -> list[Support]:
+    """What --fixed holds, in one piece."""
+    from mjframes.cli.fixed import fixed_mask
+    from mjframes.frames.supports import Fixed
+
+    place = (arguments.into, arguments.parent, arguments.pos, arguments.quat)
+    return [Fixed(fixed_mask(arguments.fixed, volume, *place))] if arguments.fixed else []
 
 
 def _method(arguments: argparse.Namespace) -> str | Paper:
@@ -259,6 +267,8 @@ def run(arguments: argparse.Namespace) -> int:
             fps=arguments.fps,
             size=arguments.size,
             scene=spec,
+            ctrl=arguments.ctrl,
+            keyframe=arguments.keyframe,
             progress=True,
         )
     print(summary(recording))
@@ -284,6 +294,32 @@ def replay(arguments: argparse.Namespace) -> int:
         film_of(log, arguments.video, arguments.camera, arguments.fps, arguments.size)
     if arguments.state is not None:
         print(json.dumps(state_at(log, arguments.state)))
+    return 0
+
+
+def press(arguments: argparse.Namespace) -> int:
+    """Press an indenter into a soft body; write force over depth as plot and table."""
+    from mjframes.app.press import Indenter, plot_press, summary, write_table
+    from mjframes.app.press import press as press_body
+
+    scene = Path(arguments.scene)
+    plot = Path(arguments.plot or scene.with_name(f"{scene.stem}-press.png"))
+    table = Path(arguments.table or scene.with_name(f"{scene.stem}-press.csv"))
+    kind, size = arguments.indenter
+    pressed = press_body(
+        scene,
+        Indenter(kind, size),
+        arguments.depth,
+        body=arguments.body,
+        at=arguments.at,
+        direction=arguments.direction,
+        speed=arguments.speed,
+    )
+    write_table(pressed, table)
+    plot_press(pressed, plot, f"{scene.stem}: {kind}:{1e3 * size:g}mm")
+    for note in pressed.notes:
+        print(f"mjframes: {note}", file=sys.stderr)
+    print(f"{plot}, {table}: {summary(pressed)}")
     return 0
 
 
@@ -421,6 +457,7 @@ COMMANDS = {
     "inspect": inspect,
     "run": run,
     "replay": replay,
+    "press": press,
     "collect": collect,
     "view": view,
     "bench": bench,

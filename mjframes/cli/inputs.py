@@ -20,8 +20,6 @@ from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.volume import VOXELS, Volume, occurring
 
-METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-
 
 class _Repeated(yaml.YAMLError):
     """A key that a mapping has twice."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, Notice
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import PARENT
 from mjframes.scene import links, plugin
@@ -34,6 +34,10 @@ from mjframes.volume.material import is_number
 
 class BranchWarning(UserWarning):
     """A soft body couples branches of the kinematic tree that MuJoCo's inertia matrix does not."""
+
+
+class FloatWarning(Notice):
+    """A soft body of which nothing is fixed is put into a body that moves: it starts there and floats free."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,17 +72,25 @@ def attach(
     contact: whether it collides with the scene's geoms and other soft bodies, or how; never with what holds it.
     The poses at the reference configuration of bodies that pieces are attached to are those in which the soft body
     rests; its frames then hang on the one of these bodies below most of the others.
-    Warn (BranchWarning) where such bodies are on several branches of the tree.
+    Warn (BranchWarning) where such bodies are on several branches of the tree, and (FloatWarning) where `parent` moves
+    and nothing of the body is held.
     Raise MjframesError for a name that cannot be used, bodies that are not there, and where the plugin cannot be
     loaded.
     """
-    parent = _checked(spec, body, parent, contact)
+    within = _checked(spec, body, parent, contact)
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
         raise MjframesError(f"name is {name!r}; use one or more letters, digits, '_', '-' or '.'.")
     if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
     plugin.load()
-    place = _place(spec, body, parent, pos, quat)
+    place = _place(spec, body, within, pos, quat)
+    if not body.links and links.moves(within):
+        warnings.warn(
+            f"{name}: nothing of it is fixed to {within.name!r}, which moves: it starts there and floats free; glue it "
+            "with supports=mf.Fixed(mask) in mf.build, or --fixed on the command line.",
+            FloatWarning,
+            stacklevel=2,
+        )
     carried = carriers(body, place.links)
     # MuJoCo wants a prefix when it attaches: the first letter of the name, which makes the names come out right
     prefix, local = name[0], name[1:]
@@ -96,7 +108,7 @@ def attach(
         add_patches(own, body, bodies, patches, parameters, name)
     if not place.bodies:
         add_skins(own, body, carried, local)
-    add_scaling(own, local, body.deformable)
+    add_scaling(own, local, body.deformable, body.materials)
     own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")

@@ -6,6 +6,9 @@ forces τ_a are the net force Σ_a τ_a e_a on that subtree; what hangs on it fu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -45,14 +48,34 @@ def wrenches(data: mujoco.MjData, bodies: NDArray[np.int64], points: Array, forc
     return found
 
 
-def contact_rows(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the constraint rows of all contacts of some geoms."""
-    rows = []
-    for contact in data.contact:
-        if contact.efc_address >= 0 and np.isin(contact.geom, geoms).any():
-            pyramid = model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL and contact.dim > 1
-            rows += range(contact.efc_address, contact.efc_address + (2 * contact.dim - 2 if pyramid else contact.dim))
-    return np.array(rows, int)
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A contact of one of some geoms.
+
+    geom: that one.  other: the other one, −1 for a flex.
+    position: (3,) [m] and force: (3,) on it [N], in the world.  rows: of the constraints.
+    """
+
+    geom: int
+    other: int
+    position: Array
+    force: Array
+    rows: NDArray[np.int64]
+
+
+def touches_of(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> Iterator[Touch]:
+    """Yield the contacts of some geoms with others."""
+    wrench, pyramid = np.zeros(6), model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    chosen = set(geoms.tolist())
+    for number, contact in enumerate(data.contact):
+        first, second = contact.geom.tolist()
+        if contact.efc_address < 0 or (first in chosen) == (second in chosen):
+            continue
+        mujoco.mj_contactForce(model, data, number, wrench)  # on the second geom
+        geom, other, sign = (second, first, 1) if second in chosen else (first, second, -1)
+        count = 2 * contact.dim - 2 if pyramid and contact.dim > 1 else contact.dim
+        rows = contact.efc_address + np.arange(count)
+        yield Touch(geom, other, contact.pos.copy(), sign * wrench[:3] @ contact.frame.reshape(3, 3), rows)
 
 
 def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[np.int64]) -> Array:
@@ -63,14 +86,4 @@ def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[n
     for i in rows:
         entries = slice(data.efc_J_rowadr[i], data.efc_J_rowadr[i] + data.efc_J_rownnz[i])
         np.add.at(total, data.efc_J_colind[entries], data.efc_force[i] * data.efc_J[entries])
-    return total
-
-
-def contact_force_on(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """Return the sum (3,) of all contact forces on a geom, in the world [N]."""
-    total, force = np.zeros(3), np.zeros(6)
-    for number, contact in enumerate(data.contact):
-        if contact.efc_address >= 0 and geom in contact.geom:
-            mujoco.mj_contactForce(model, data, number, force)  # on the second geom
-            total += (1 if contact.geom[1] == geom else -1) * force[:3] @ contact.frame.reshape(3, 3)
     return total

@@ -57,6 +57,19 @@ def start(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
         raise MjframesError(f"MuJoCo cannot start the scene ({sentence(error, warnings)}).") from error
 
 
+def reset_to(model: mujoco.MjModel, data: mujoco.MjData, keyframe: str | int) -> None:
+    """Set the state of a keyframe, by its name or number. Raise MjframesError where the scene has none such."""
+    names = [model.key(k).name for k in range(model.nkey)]
+    if isinstance(keyframe, str) and keyframe in names:
+        number = names.index(keyframe)
+    elif str(keyframe).isdecimal() and int(keyframe) < model.nkey:
+        number = int(keyframe)
+    else:
+        known = ", ".join(repr(name) if name else str(k) for k, name in enumerate(names)) or "none"
+        raise MjframesError(f"keyframe is {keyframe!r}, but those of the scene are: {known}.")
+    mujoco.mj_resetDataKeyframe(model, data, number)
+
+
 def changed_masses(compiler: mujoco.MjsCompiler) -> str:
     """Return what in a scene's compiler changes the masses of its bodies, and so those of soft ones; "" for nothing."""
     for option in ("settotalmass", "boundmass", "boundinertia"):

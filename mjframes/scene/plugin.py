@@ -28,6 +28,7 @@ from mjframes.base.files import cache_directory
 
 NAME = "mjframes.soft"
 SENSOR_NAME = "mjframes.sensor"  # in the same library
+FORCE_SENSOR_NAME = "mjframes.force_sensor"
 PATCH_NAME = "mjframes.patch"
 FLAGS_FILE = "compile_flags.txt"  # CMake and clangd read it too
 LIBRARY_VARIABLE = "MJFRAMES_PLUGIN_LIBRARY"  # names a library to use instead, for example one with sanitizers

@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.scene.plugin_text import SEPARATOR
+from mjframes.volume.material import Material
 
-STIFFNESS, DAMPING, MATERIALS = "stiffness", "damping", "materials"
-BETWEEN, NAMED = ", ", "="  # in the text that names the materials
+STIFFNESS, DAMPING, MATERIALS, MODULI = "stiffness", "damping", "materials", "moduli"
+BETWEEN, NAMED, WITH = ", ", "=", "/"  # in the texts that name the materials and tell their moduli
 
 
 class Batch(Protocol):
@@ -77,20 +78,43 @@ def scale(
 
 def materials(model: mujoco.MjModel, name: str) -> dict[int, str]:
     """Return the names, by label, of the materials whose factors `name`:stiffness has, in their order."""
-    for text, names in _named(model, mujoco.mjtObj.mjOBJ_TEXT, MATERIALS):
+    return {label: unquote(called) for label, called in _told(model, name, MATERIALS).items()}
+
+
+def moduli(model: mujoco.MjModel, name: str) -> dict[int, tuple[float, float]]:
+    """Return Young's modulus [Pa] and Poisson's ratio, as built, of these materials that deform, by label.
+
+    Models written before these were kept have none.
+    """
+    parts = {label: pair.split(WITH) for label, pair in _told(model, name, MODULI).items()}
+    return {label: (float(young), float(poisson)) for label, (young, poisson) in parts.items()}
+
+
+def _told(model: mujoco.MjModel, name: str, key: str) -> dict[int, str]:
+    """What a text of the model says of each label."""
+    for text, names in _named(model, mujoco.mjtObj.mjOBJ_TEXT, key):
         if name in names:
             data = model.text_data[model.text_adr[text] :].split(b"\0", 1)[0].decode()
             parts = [some.partition(NAMED) for some in data.split(BETWEEN)]
-            return {int(label): unquote(called) for label, _, called in parts}
+            return {int(label): value for label, _, value in parts}
     return {}
 
 
-def add_scaling(spec: mujoco.MjSpec, name: str, deformable: Mapping[int, str]) -> None:
-    """Give soft body `name` of a spec its numerics, all of them 1, and the names of its deformable materials."""
+def add_scaling(
+    spec: mujoco.MjSpec, name: str, deformable: Mapping[int, str], known: Mapping[int, Material] | None = None
+) -> None:
+    """Give soft body `name` of a spec its numerics, all of them 1, and the names of its deformable materials.
+
+    known: the materials by label, whose moduli are told too.
+    """
     for key, size in ((STIFFNESS, len(deformable)), (DAMPING, 2)):
         spec.add_numeric(name=_own(name, key), size=size, data=np.ones(size))
     parts = [f"{label}{NAMED}{quote(called, safe=' ')}" for label, called in deformable.items()]
     spec.add_text(name=_own(name, MATERIALS), data=BETWEEN.join(parts))
+    told = {label: known[label] for label in deformable if not known[label].is_rigid} if known else {}
+    if told:
+        pairs = [f"{label}{NAMED}{some.young:.6g}{WITH}{some.poisson:.6g}" for label, some in told.items()]
+        spec.add_text(name=_own(name, MODULI), data=BETWEEN.join(pairs))
 
 
 def stiffness(model: mujoco.MjModel, name: str, count: int) -> NDArray[np.float64]:

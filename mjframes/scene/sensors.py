@@ -13,8 +13,10 @@ from mjframes.scene.identity import asset_key
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import decode, encode, soft_name
 
-WHOLE = ("elastic_energy", "kinetic_energy")  # [J], one value
-OF_POINTS = ("energy_density", "stress", "strain", "deformation_gradient")  # 1, 6, 6 and 9 values a point
+WHOLE = ("elastic_energy", "kinetic_energy", "contact_force")  # 1, 1 and 3 values
+OF_MATERIAL = ("energy_density", "stress", "strain", "deformation_gradient")  # 1, 6, 6 and 9 values a point
+PLACES = ("position", "velocity")  # 3 values a point
+OF_POINTS = OF_MATERIAL + PLACES
 SLACK = 1e-9  # [-] of F: below it is rounding
 
 
@@ -28,10 +30,12 @@ def add_sensor(
 ) -> mujoco.MjsSensor:
     """Add a sensor of the soft body `name`, of which `body` was attached to `spec`; return MuJoCo's sensor.
 
-    quantity: "elastic_energy" or "kinetic_energy" [J], one value; or at material points (n, 3), in volume coordinates
-    [m], as many times: "energy_density" [J/m³]; "stress", Cauchy's in the world's axes [Pa], and "strain", Green's in
-    the volume's axes, as xx, yy, zz, yz, xz, xy; "deformation_gradient", from the volume's to the world's axes, row by
-    row. The same as `soft()` says.  sensor_name: f"{name}_{quantity}" unless given.
+    quantity: "elastic_energy" or "kinetic_energy" [J], one value; "contact_force", the sum of the contact forces on the
+    body, held pieces included, in the world's axes [N]; or at material points (n, 3), in volume coordinates [m], as
+    many times: "position" [m] and "velocity" [m/s], in the world's axes; "energy_density" [J/m³]; "stress", Cauchy's in
+    the world's axes [Pa], and "strain", Green's in the volume's axes, as xx, yy, zz, yz, xz, xy;
+    "deformation_gradient", from the volume's to the world's axes, row by row. The same as `soft()` says.
+    sensor_name: f"{name}_{quantity}" unless given.
     Raise MjframesError for other quantities, where points are missing or not of the material, for a soft body that is
     not there or another one, and for a name that is taken.
     """
@@ -53,15 +57,19 @@ def add_sensor(
         raise MjframesError(f"sensor_name is {own!r}, which the spec has already; give another one.")
     config = {"quantity": quantity}
     if points is not None:
-        config |= _samples(material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points))
-    spec.activate_plugin(plugin.SENSOR_NAME)
-    instance = spec.add_plugin(name=own, plugin_name=plugin.SENSOR_NAME, active=True)
+        at = material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points)
+        if not len(at.offset):
+            raise MjframesError("points has no point; a sensor needs one or more.")
+        config |= _places(at) if quantity in PLACES else _samples(at)
+    kind = plugin.FORCE_SENSOR_NAME if quantity == "contact_force" else plugin.SENSOR_NAME
+    spec.activate_plugin(kind)
+    instance = spec.add_plugin(name=own, plugin_name=kind, active=True)
     instance.config = config
     sensor = spec.add_sensor(
         name=own, type=mujoco.mjtSensor.mjSENS_PLUGIN, objtype=mujoco.mjtObj.mjOBJ_BODY, objname=name
     )
     sensor.plugin.active = True
-    sensor.plugin.plugin_name = plugin.SENSOR_NAME
+    sensor.plugin.plugin_name = kind
     sensor.plugin.name = own
     return sensor
 
@@ -69,8 +77,6 @@ def add_sensor(
 def _samples(at: MaterialPoints) -> dict[str, str]:
     """Of material points: what the plugin reads, point by point."""
     count = len(at.offset)
-    if not count:
-        raise MjframesError("points has no point; a sensor needs one or more.")
     region, slack = np.empty(count, int), np.empty((count, 3, 3))
     gradient: list[np.ndarray] = [np.zeros(0)] * count
     lift: list[np.ndarray] = [np.zeros(0)] * count
@@ -89,4 +95,27 @@ def _samples(at: MaterialPoints) -> dict[str, str]:
         config["slack"] = encode(slack)
     if any(some.any() for some in lift):
         config["lift"] = encode(np.concatenate(lift))
+    return config
+
+
+def _places(at: MaterialPoints) -> dict[str, str]:
+    """Of material points: what the plugin reads for where they are, point by point."""
+    count = len(at.offset)
+    weights = at.weights.sorted_indices()
+    region = np.empty(count, int)
+    rise: list[np.ndarray] = [np.zeros(0)] * count
+    for group in at.groups:
+        region[group.rows] = group.region
+        for row, some in zip(group.rows, group.mode @ group.share, strict=True):
+            rise[row] = some.ravel()
+    config = {
+        "region": encode(region),
+        "weight_size": encode(np.diff(weights.indptr)),
+        "weight_point": encode(weights.indices),
+        "weight": encode(weights.data),
+    }
+    if np.abs(at.offset).max() > 0:
+        config["offset"] = encode(at.offset)
+    if any(some.any() for some in rise):
+        config["rise"] = encode(np.concatenate(rise))
     return config

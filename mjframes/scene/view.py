@@ -4,6 +4,7 @@ material points and frames, from the `SoftBody`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -364,16 +365,39 @@ class Soft:
     def contact_forces(self) -> np.ndarray:
         """Return the net force of contacts on each frame, shared by the weights there (f, 3), in the world [N].
 
-        NaN for held frames, see `constraint_forces`.
+        Their sum is the contact force on the body. A held frame has what the moving ones leave of it; several of them
+        share that by their weights at the nearest contact sphere.
         """
-        rows = forces.contact_rows(self.model, self.data, self.patches)
-        return self._on_frames(forces.constraint_force(self.model, self.data, rows))
+        touches = list(forces.touches_of(self.model, self.data, self.patches))
+        rows = np.concatenate([np.zeros(0, int), *(touch.rows for touch in touches)])
+        found = self._on_frames(forces.constraint_force(self.model, self.data, rows))
+        held = self.body.held
+        if held == 1:
+            found[0] = sum((touch.force for touch in touches), np.zeros(3)) - found[1:].sum(axis=0)
+        elif held > 1:
+            found[:held] = self._on_held(touches, held)
+        return found
+
+    def _on_held(self, touches: Sequence[forces.Touch], held: int) -> np.ndarray:
+        """Of contacts on the first frames (held, 3), in the world [N]."""
+        spheres, frame = self.body.contact, self.body.control.frame
+        places = spheres.weights @ self.control_positions
+        total = np.zeros((held, 3))
+        for touch in touches:
+            moving = self._on_frames(forces.constraint_force(self.model, self.data, touch.rows))[held:].sum(axis=0)
+            nearest = int(np.argmin(((places - touch.position) ** 2).sum(axis=1)))
+            share = np.bincount(frame, spheres.weights[[nearest]].toarray()[0])[:held].clip(1e-12)
+            total += np.outer(share / share.sum(), touch.force - moving)
+        return total
 
     @property
     def patch_forces(self) -> np.ndarray:
         """Return the net contact force on each patch (p, 3), in the world [N]."""
-        found = [forces.contact_force_on(self.model, self.data, int(geom)) for geom in self.patches]
-        return np.array(found).reshape(-1, 3)
+        patches = self.patches
+        found = np.zeros((len(patches), 3))
+        for touch in forces.touches_of(self.model, self.data, patches):
+            found[patches == touch.geom] += touch.force
+        return found
 
     @property
     def patches(self) -> np.ndarray:

@@ -300,6 +300,56 @@ class Volume:
         turn[1] = np.cross(turn[2], turn[0])
         return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
 
+    def side(self, side: str, depth: float | None = None) -> NDArray[np.bool_]:
+        """Return a mask (nx, ny, nz) of the slab of voxels at one side of the volume, as for `mf.Fixed`.
+
+        side: "x", "-x", "y", "-y", "z" or "-z", a direction of the volume's coordinates, not of the array.
+        depth: of the slab, from the outermost face inwards [m]; one voxel unless given.
+        Raise MjframesError for another side, and for a slab that holds no voxel's centre.
+        """
+        if side not in UP:
+            raise MjframesError(f"side is {side!r}; it must be one of {', '.join(map(repr, UP))}.")
+        direction = (-1.0 if side[0] == "-" else 1.0) * np.eye(3)["xyz".index(side[-1])]
+        voxel = float(np.abs(direction @ self.axes) @ self.spacing)
+        if depth is not None and not (isinstance(depth, (int, float)) and 0.5 * voxel <= depth < np.inf):
+            raise MjframesError(
+                f"depth is {depth!r}; it must be a length in metres, half a voxel or more, here {voxel / 2:g}."
+            )
+        height = self.centers @ direction
+        face = float(height.max()) + 0.5 * voxel
+        slab = face - (voxel if depth is None else depth) - 1e-9 * voxel
+        return self._where(np.asarray(height >= slab))
+
+    def in_box(self, lower: ArrayLike, upper: ArrayLike) -> NDArray[np.bool_]:
+        """Return a mask (nx, ny, nz) of the voxels whose centres are in a box, as for `mf.Fixed`.
+
+        lower, upper: (3,) corners in volume coordinates [m].
+        Raise MjframesError for corners that are not three numbers, and for a box without a voxel.
+        """
+        low, high = _vector("lower", lower), _vector("upper", upper)
+        centers = self.centers
+        found = ((centers >= low) & (centers <= high)).all(axis=1)
+        if not found.any():
+            ends = " to ".join(str(np.round(end, 6).tolist()) for end in (centers.min(axis=0), centers.max(axis=0)))
+            raise MjframesError(
+                f"the box from {low.tolist()} to {high.tolist()} holds no voxel; the voxels' centres are in {ends} m."
+            )
+        return self._where(found)
+
+    def with_label(self, label: int) -> NDArray[np.bool_]:
+        """Return a mask (nx, ny, nz) of the voxels with a label. Raise MjframesError where no voxel has it."""
+        found = np.asarray(self.labels == label)
+        if label < 1 or not found.any():
+            known = ", ".join(map(str, occurring(self.labels)))
+            raise MjframesError(f"label is {label!r}, which no voxel has; the labels are {known}.")
+        return found
+
+    def _where(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """A mask (nx, ny, nz) of the chosen (n,) of the voxels inside."""
+        mask = np.asarray(self.labels > 0)
+        mask[mask] = chosen
+        return mask
+
     @telling_memory
     def filled(self, material: Material) -> Volume:
         """Return the volume with `material` in all of its convex hull that was outside: flesh around bones.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 
 import mujoco
@@ -54,3 +55,12 @@ def test_it_starts_in_what_moves_and_floats_free_of_it(parent: str) -> None:
 def test_in_what_stands_still_it_stays() -> None:
     model, data = put("table")
     assert model.body_parentid[mf.soft(model, data, "soft").holder] == model.body("table").id
+
+
+def test_a_warning_says_that_it_floats() -> None:
+    spec = mujoco.MjSpec.from_string(SCENE)
+    with pytest.warns(mf.FloatWarning, match="soft: nothing of it is fixed to 'arm', which moves: it starts there and"):
+        mf.attach(spec, block(), "soft", "arm")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mf.attach(spec, block(), "other", "table")

@@ -236,17 +236,24 @@ def test_the_forces_on_each_frame_of_a_body_that_lies_are_balanced(frame_type: s
     assert np.abs(view.frame_forces).max() > 1e-3 * -weight
 
 
-def test_a_held_frame_has_no_constraint_force_of_its_own() -> None:
-    end = np.zeros((12, 4, 4), bool)
-    end[0] = True
-    model, data = compiled(FLOOR, (block(supports=mf.Fixed(end)), (0, 0, 0.001), (1, 0, 0, 0)))
+@pytest.mark.parametrize("ends", [(0,), (0, -1)], ids=["one", "two"])
+def test_contact_forces_count_on_held_frames_too(ends: tuple[int, ...]) -> None:
+    masks = [np.zeros((12, 4, 4), bool) for _ in ends]
+    for mask, end in zip(masks, ends, strict=True):
+        mask[end] = True
+    body = block(supports=tuple(mf.Fixed(mask) for mask in masks))
+    model, data = compiled(FLOOR, (body, (0, 0, -0.001), (1, 0, 0, 0)))
     view = mf.soft(model, data, "soft0")
     for _ in range(50):
         mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
-    assert data.ncon > 0
-    assert np.isnan(view.contact_forces).any(axis=1).tolist() == [True, False, False, False]
-    assert np.isfinite(view.frame_forces).all()
+    found, held = view.contact_forces, len(ends)
+    assert (found[:held, 2] > 0.01 * found[:, 2].sum()).all()
+    np.testing.assert_allclose(found.sum(axis=0), view.patch_forces.sum(axis=0), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found[held:], view.constraint_forces[held:], atol=1e-9)
+    assert np.isnan(view.constraint_forces[:held]).all()
+    if held == 2:  # the body, but for its frames, is the same from both ends
+        np.testing.assert_allclose(found[0, 2], found[1, 2], rtol=0.25)
 
 
 def test_contact_forces_turn_with_the_body() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from functools import cache
 
@@ -54,6 +55,8 @@ def by_view(view: Soft, points: np.ndarray) -> dict[str, np.ndarray]:
         "stress": view.stresses(points)[:, *VOIGT],
         "strain": view.strains(points)[:, *VOIGT],
         "deformation_gradient": view.deformation_gradients(points),
+        "position": view.positions(points),
+        "velocity": view.velocities(points),
     }
 
 
@@ -71,7 +74,8 @@ def test_sensors_say_what_the_views_say(case: str) -> None:
         for quantity, expected in by_view(mf.soft(model, data, "meat"), chosen(body)).items():
             found = data.sensor(f"meat_{quantity}").data
             assert np.abs(expected).max() > 0
-            np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=1e-10 * np.abs(expected).max())
+            exact = 1e-8 if quantity == "velocity" else 1e-10
+            np.testing.assert_allclose(found, expected.ravel(), rtol=0, atol=exact * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("make", [beam, lump])
@@ -204,3 +208,88 @@ def test_sensors_that_cannot_be_are_refused(arguments: tuple, words: str) -> Non
 def test_a_sensor_of_another_body_is_refused() -> None:
     with pytest.raises(MjframesError, match="body is not the one that 'meat' was made of"):
         mf.add_sensor(sensed(block()), beam(), "meat", "stress", [[0, 0, 0]])
+
+
+def test_velocities_are_how_fast_positions_change() -> None:
+    model = sensed(lump(), pos=(0, 0, 1)).compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(3)
+    distort(model, data, rng, speed=0.5)
+    start, v, step = data.qpos.copy(), data.sensor("meat_velocity").data.copy(), 1e-6
+    ends = []
+    for sign in (1, -1):
+        data.qpos[:] = start
+        mujoco.mj_integratePos(model, data.qpos, data.qvel, sign * step)
+        mujoco.mj_forward(model, data)
+        ends.append(data.sensor("meat_position").data.copy())
+    np.testing.assert_allclose((ends[0] - ends[1]) / (2 * step), v, atol=1e-6 * np.abs(v).max())
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_the_contact_force_of_a_body_at_rest_is_its_weight(cone: str) -> None:
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    spec.option.cone = getattr(mujoco.mjtCone, f"mjCONE_{cone.upper()}")
+    body = block(damping=(2.0, 0.005))
+    mf.attach(spec, body, "meat", pos=(0, 0, 0.001), quat=(1, 0, 0, 1))
+    mf.add_sensor(spec, body, "meat", "contact_force")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=2000)
+    weight = 9.81 * model.body("meat").subtreemass[0]
+    np.testing.assert_allclose(data.sensor("meat_contact_force").data, [0, 0, weight], rtol=1e-6, atol=1e-6 * weight)
+
+
+def test_the_contact_force_counts_what_is_held_and_both_of_two_bodies() -> None:
+    """A slab glued to the table carries another one: on it acts the other's weight, and nothing of the table's."""
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    volume = mf.Volume.from_labels(np.ones((6, 6, 3), int), 0.01, {1: mf.Material(1e5, 0.3, 1000)})
+    lower, upper = mf.build(volume, 2, supports=mf.Fixed(volume.side("-z"))), mf.build(volume, 2, damping=(2.0, 0.005))
+    for name, body, height in (("lower", lower, 0.1), ("upper", upper, 0.131)):
+        mf.attach(spec, body, name, pos=(0, 0, height))
+        mf.add_sensor(spec, body, name, "contact_force")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=2000)
+    weight = 9.81 * model.body("upper").subtreemass[0]
+    np.testing.assert_allclose(data.sensor("upper_contact_force").data, [0, 0, weight], atol=1e-4 * weight)
+    np.testing.assert_allclose(data.sensor("lower_contact_force").data, [0, 0, -weight], atol=1e-4 * weight)
+    mujoco.mj_forward(model, data)
+    found = mf.soft(model, data, "lower").contact_forces.sum(axis=0)
+    np.testing.assert_allclose(found, data.sensor("lower_contact_force").data, atol=1e-9)
+
+
+def test_sensors_in_copies_say_the_same() -> None:
+    model = sensed(block()).compile()
+    data = mujoco.MjData(model)
+    while not data.ncon:
+        mujoco.mj_step(model, data)
+    again = mujoco.MjData(copy.copy(model))
+    mujoco.mj_setState(model, again, _state(model, data), mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_forward(model, again)
+    np.testing.assert_array_equal(again.sensordata, data.sensordata)
+    np.testing.assert_array_equal(copy.copy(data).sensordata, data.sensordata)
+
+
+def _state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    return state
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"weight_size": "i8:0:"}, "its points are not those of the soft body"),
+        ({"weight_point": "i32:1:AAAAAA=="}, "its points are not those of the soft body"),
+        ({"offset": "f64:0:"}, "offset has another number of values"),
+        ({"rise": "f64:1:AAAAAAAAAAA="}, "its points are not those of the soft body"),
+        ({"quantity": "contact_force"}, "contact_force is a quantity of the plugin mjframes.force_sensor"),
+    ],
+)
+def test_a_damaged_sensor_of_positions_is_refused(change: dict[str, str], words: str) -> None:
+    spec = sensed(block())
+    instance = next(other for other in spec.plugins if other.name == "meat_position")
+    instance.config = dict(instance.config) | change
+    with pytest.raises(ValueError, match=words):
+        spec.compile()
