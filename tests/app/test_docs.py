@@ -48,7 +48,10 @@ def test_snippets_run_one_after_the_other(page: Path, folder: Path) -> None:
     names: dict[str, object] = {"labels": labels, "__name__": page.stem}
     for kind, text in snippets(page):
         if kind == "python":
-            exec(compile(text, str(page), "exec"), names)
+            start = page.read_text(encoding="utf-8").partition(text)[0].count("\n")  # tracebacks name lines of the page
+            exec(compile("\n" * start + text, str(page), "exec"), names)
+            if page.stem == "first_hour" and "task" in names:
+                assert names["task"].force() == pytest.approx(5, abs=0.05)  # type: ignore[attr-defined]
             continue
         for line in text.splitlines():
             program, *arguments = shlex.split(line)
