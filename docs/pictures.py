@@ -56,6 +56,8 @@ def filmed(model: mujoco.MjModel, path: Path, camera: str | None = None, fps: fl
 
         def draw(data: mujoco.MjData) -> None:
             nonlocal last
+            if last is None:
+                mujoco.mj_forward(model, data)  # a new state has no positions to draw yet
             last = data
             add(data)
 

@@ -105,11 +105,11 @@ def run(out: Path) -> Elbow:
     from matplotlib.figure import Figure
 
     out.mkdir(parents=True, exist_ok=True)
-    arm = elbow()
+    arm, camera = elbow(), mf.look_from((0, 0.05, 0), 0.65, 90, -70)
     figure = Figure(figsize=(11.2, 5.3), layout="constrained")
     for axes, until in zip(figure.subplots(1, 2), (0.0, DURATION), strict=True):
         bend(arm, until)
-        axes.imshow(mf.still(arm.model, arm.data, (0, 0.05, 0), 0.65, 90, -70, (560, 480)))
+        axes.imshow(mf.still(arm.model, arm.data, camera, (560, 480)))
         axes.set_title(f"{arm.angle:.0f}°, {arm.torque:.1f} N m, volume {100 * arm.swelling:+.1f} %")
         axes.set_axis_off()
     figure.savefig(out / "elbow.png", dpi=100)

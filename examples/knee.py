@@ -86,12 +86,12 @@ def run(out: Path) -> Knee:
     from matplotlib.figure import Figure
 
     out.mkdir(parents=True, exist_ok=True)
-    knee = knee_at_rest()
+    knee, camera = knee_at_rest(), mf.look_from((-0.01, 0, -0.02), 0.42, 110, -10)
     figure = Figure(figsize=(10, 9.8), layout="constrained")
     panels = figure.subplots(2, 2)
     for column in panels.T:
         mujoco.mj_forward(knee.model, knee.data)
-        column[0].imshow(mf.still(knee.model, knee.data, (-0.01, 0, -0.02), 0.42, 110, -10, (560, 480)))
+        column[0].imshow(mf.still(knee.model, knee.data, camera, (560, 480)))
         _draw_section(knee, column[1])
         column[0].set_title(f"{knee.data.time:.1f} s: tibia turned by {abs(knee.extension):.1f}°")
         for axes in column:

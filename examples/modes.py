@@ -98,11 +98,12 @@ def run(out: Path) -> dict[str, float]:
 
     out.mkdir(parents=True, exist_ok=True)
     made, energies = bar(), {}
+    camera = mf.look_from((LENGTH / 2, WIDTH / 2, WIDTH / 2), 0.6, 105, -12)
     figure = Figure(figsize=(12, 7.5), layout="constrained")
     for axes, mode in zip(np.ravel(figure.subplots(2, 3)), MOTIONS, strict=True):
         made.move(mode)
         energies[mode] = made.energy
-        axes.imshow(mf.still(made.model, made.data, (LENGTH / 2, WIDTH / 2, WIDTH / 2), 0.6, 105, -12, (520, 400)))
+        axes.imshow(mf.still(made.model, made.data, camera, (520, 400)))
         axes.set_title(f"{mode}: {energies[mode]:.3f} J")
         axes.set_axis_off()
     figure.savefig(out / "modes.png", dpi=100)

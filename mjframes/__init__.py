@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mjframes.app.collect.run import Collection, collect
     from mjframes.app.log.options import Log
     from mjframes.app.run import record
-    from mjframes.app.video import film, still
+    from mjframes.app.video import film, look_from, still
     from mjframes.app.watch import InstabilityWarning
     from mjframes.body.build import TurnWarning, build
     from mjframes.body.options import Paper
@@ -81,6 +81,7 @@ __all__ = [
     "collect",
     "film",
     "load_scene",
+    "look_from",
     "mass_matrix",
     "near",
     "place",
@@ -96,7 +97,7 @@ _HOMES = {
     "app.collect.run": ("Collection", "collect"),
     "app.log.options": ("Log",),
     "app.run": ("record",),
-    "app.video": ("film", "still"),
+    "app.video": ("film", "look_from", "still"),
     "app.watch": ("InstabilityWarning",),
     "body.build": ("TurnWarning", "build"),
     "body.options": ("Paper",),

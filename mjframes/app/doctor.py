@@ -19,6 +19,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin, solver
 
 STEPS = 10
+OK, FAILS, ABSENT, UNUSABLE = "ok", "FAILS", "not installed", "not working"
 BACKENDS = ("egl", "osmesa", "glfw")  # of MUJOCO_GL; the first two need no display
 # MuJoCo reads MUJOCO_GL when it is imported, and a backend may end the process: each is tried in one of its own.
 DRAWING = """
@@ -45,11 +46,14 @@ OPTIONAL = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report: what was looked at, what was found, and whether mjframes can work with that."""
+    """One line of the report: what was looked at, what was found, and how that is.
+
+    status: OK; FAILS, where mjframes cannot work without it; ABSENT or UNUSABLE, where it can.
+    """
 
     name: str
     text: str
-    works: bool = True
+    status: str = OK
 
 
 def report() -> list[Finding]:
@@ -76,26 +80,27 @@ def working_backend() -> str | None:
 def main() -> int:
     """Print the report; return 0, or 2 where something that mjframes needs does not work."""
     findings = report()
-    width = max(len(finding.name) for finding in findings)
+    first = max(len(finding.status) for finding in findings)
+    second = max(len(finding.name) for finding in findings)
     for finding in findings:
-        print(f"{'ok' if finding.works else 'FAILS':5}  {finding.name:{width}}  {finding.text}")
-    return 0 if all(finding.works for finding in findings) else 2
+        print(f"{finding.status:{first}}  {finding.name:{second}}  {finding.text}")
+    return 2 if any(finding.status == FAILS for finding in findings) else 0
 
 
 def _finding(name: str, examine: Callable[[], str]) -> Finding:
     try:
         return Finding(name, examine())
     except MjframesError as error:
-        return Finding(name, str(error), works=False)
+        return Finding(name, str(error), FAILS)
     except Exception as error:  # whatever breaks, the other lines are still wanted
-        return Finding(name, f"{type(error).__name__}: {' '.join(str(error).split())}", works=False)
+        return Finding(name, f"{type(error).__name__}: {' '.join(str(error).split())}", FAILS)
 
 
 def _compiler() -> Finding:
     try:
         return Finding("compiler", shlex.join(plugin.find_compiler()))
     except MjframesError as error:
-        return Finding("compiler", str(error))  # not needed where a library fits; the plugin's line tells
+        return Finding("compiler", str(error), ABSENT)  # not needed where a library fits; the plugin's line tells
 
 
 def _library() -> str:
@@ -128,6 +133,7 @@ def _drawing() -> Finding:
         return Finding(
             "drawing",
             f"MUJOCO_GL={tried}: none works; films need OpenGL (Debian, Ubuntu: apt-get install libegl1 libgl1).",
+            UNUSABLE,
         )
     return Finding("drawing", f"MUJOCO_GL={backend} works")
 
@@ -143,8 +149,9 @@ def _draws(backend: str) -> bool:
 
 
 def _optional(module: str, use: str, extra: str) -> Finding:
-    found = importlib.util.find_spec(module) is not None
-    return Finding(module, f"{use}: there" if found else f'{use}: not installed; pip install "mjframes[{extra}]"')
+    if importlib.util.find_spec(module) is None:
+        return Finding(module, f'for {use}: pip install "mjframes[{extra}]"', ABSENT)
+    return Finding(module, use)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """What of a scene is drawn, and in which colour, for those that draw it instead of MuJoCo: logs and the page of `view`.
 
-What MuJoCo draws by default is drawn: geoms of the groups 0 to 2. A texture counts with its mean colour.
+What MuJoCo draws by default is drawn: geoms of the groups 0 to 2. A texture counts with its mean colour, but for
+`skin_parts`, which keeps what is drawn on a skin.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ HIDDEN = 3  # geom groups from this on are not drawn by MuJoCo's default
 PLAIN = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that is given none, MuJoCo's default
 ENDLESS = 4.0  # [-] of the scene's extent: half of a plane that has no end
 THIN = 1e-3  # [-] of the scene's extent: thickness of a plane
+BANDS = 6  # colours at most that stand for a skin's texture
 
 
 def drawn_geoms(model: mujoco.MjModel) -> list[int]:
@@ -60,6 +62,22 @@ def skin_faces(model: mujoco.MjModel, skin: int) -> np.ndarray:
     return model.skin_face[model.skin_faceadr[skin] :][: model.skin_facenum[skin]]
 
 
+def skin_parts(model: mujoco.MjModel, skin: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return a skin as pieces of one colour each: triangles (m, 3) and rgba (4,).
+
+    There is one piece where the skin has no texture, and BANDS at most where it has one: the colours of its triangles
+    are put into bands along the direction in which they differ most.
+    """
+    faces, color = skin_faces(model, skin), skin_color(model, skin)
+    colors = _face_colors(model, skin, faces)
+    if colors is None:
+        return [(faces, color)]
+    axis = np.linalg.svd(colors - colors.mean(axis=0), full_matrices=False)[2][0]
+    along = colors @ axis
+    band = np.minimum((BANDS * (along - along.min()) / max(float(np.ptp(along)), 1e-9)).astype(int), BANDS - 1)
+    return [(faces[band == k], np.append(colors[band == k].mean(axis=0), color[3])) for k in np.unique(band)]
+
+
 def skin_vertices(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene) -> list[np.ndarray]:
     """Return the vertices (n, 3) of each skin as it is deformed, in the world [m].
 
@@ -78,6 +96,22 @@ def _material_color(model: mujoco.MjModel, material: int) -> np.ndarray:
     if texture >= 0 and model.tex_nchannel[texture] >= 3:
         color[:3] *= _texture_color(model, texture)
     return color
+
+
+def _face_colors(model: mujoco.MjModel, skin: int, faces: np.ndarray) -> np.ndarray | None:
+    """Return the rgb (m, 3) of a skin's triangles, None where it has no texture or no coordinates for one."""
+    material, start = int(model.skin_matid[skin]), int(model.skin_texcoordadr[skin])
+    if material < 0 or start < 0:
+        return None
+    texture = int(model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
+    if texture < 0 or model.tex_nchannel[texture] < 3:
+        return None
+    place = model.skin_texcoord[start:][: model.skin_vertnum[skin]][faces].mean(axis=1) * model.mat_texrepeat[material]
+    width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
+    pixels = model.tex_data[model.tex_adr[texture] :][: width * height * model.tex_nchannel[texture]]
+    column, row = np.floor(place % 1 * (width, height)).astype(int).T
+    found = pixels.reshape(height, width, -1)[np.minimum(row, height - 1), np.minimum(column, width - 1), :3] / 255
+    return found * model.mat_rgba[material, :3]
 
 
 def _texture_color(model: mujoco.MjModel, texture: int) -> np.ndarray:

@@ -106,24 +106,32 @@ def film(
 def still(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    lookat: Sequence[float],
-    distance: float,
-    azimuth: float,
-    elevation: float,
-    size: tuple[int, int],
+    camera: str | mujoco.MjvCamera | None = None,
+    size: tuple[int, int] = (1280, 720),
 ) -> NDArray[np.uint8]:
-    """One picture (height, width, 3) of the present state, from `distance` [m] of the point `lookat` [m]; angles in
-    degrees.  size: (width, height) [pixels].  Raises MjframesError where drawing fails.
+    """Return a picture (height, width, 3) of the present state.
+
+    camera: name, or one from `look_from`; the scene's first unless given, MuJoCo's free camera where there is none.
+    size: (width, height) [pixels].
+    Raises MjframesError for an unknown camera, or where drawing fails.
+    """
+    view = camera if isinstance(camera, mujoco.MjvCamera) else find_camera(model, camera)
+    renderer = make_renderer(model, *size)
+    try:
+        renderer.update_scene(data, view)
+        return renderer.render()
+    finally:
+        renderer.close()
+
+
+def look_from(lookat: Sequence[float], distance: float, azimuth: float, elevation: float) -> mujoco.MjvCamera:
+    """Return a camera at `distance` [m] from the point `lookat` (3,) [m], in a direction of two angles [degrees], for
+    `still`.
     """
     camera = mujoco.MjvCamera()
     camera.lookat[:] = lookat
     camera.distance, camera.azimuth, camera.elevation = distance, azimuth, elevation
-    renderer = make_renderer(model, *size)
-    try:
-        renderer.update_scene(data, camera)
-        return renderer.render()
-    finally:
-        renderer.close()
+    return camera
 
 
 def find_camera(model: mujoco.MjModel, name: str | None) -> int:

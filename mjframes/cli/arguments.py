@@ -273,9 +273,14 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--ray", metavar="ADDRESS", help="of a Ray cluster that computes the shards; local for one of this machine"
     )
 
-    command = commands.add_parser("view", help="open a scene in MuJoCo's viewer, or on a page for a browser")
+    command = commands.add_parser("view", help="open scenes in MuJoCo's viewer, or on a page for a browser")
     command.set_defaults(command=functions["view"])
-    command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
+    command.add_argument(
+        "scenes",
+        nargs="+",
+        metavar="SCENE",
+        help="MJCF file (.xml); the viewer opens several one after the other, the page has a list to choose from",
+    )
     command.add_argument("--web", action="store_true", help="serve a page, where there is no display as well")
     command.add_argument("--host", metavar="NAME", help="of the page: 0.0.0.0 for other machines (default 127.0.0.1)")
     command.add_argument("--port", type=_port, metavar="N", help="of the page, 0 for any that is free (default 8080)")

@@ -351,28 +351,28 @@ def collect(arguments: argparse.Namespace) -> int:
 
 
 def view(arguments: argparse.Namespace) -> int:
-    """Open MuJoCo's viewer, or serve a page until Ctrl-C."""
+    """Open MuJoCo's viewer for one scene after the other, or serve a page of all until Ctrl-C."""
     from mjframes.app.video import has_display
     from mjframes.scene.load import load_scene
 
     if not arguments.web and (arguments.host is not None or arguments.port is not None):
         raise MjframesError("--host and --port are of a page; give --web as well.")
-    model, _ = load_scene(arguments.scene)
+    models = {scene: load_scene(scene)[0] for scene in arguments.scenes}
     if arguments.web:
         from mjframes.app.view.page import HOST, PORT, page
 
         port = PORT if arguments.port is None else arguments.port
-        with page(model, arguments.host or HOST, port) as shown, suppress(KeyboardInterrupt):
-            print(
-                f"{arguments.scene}: open http://{arguments.host or HOST}:{shown.port} and end with Ctrl-C", flush=True
-            )
+        with page(models, arguments.host or HOST, port) as shown, suppress(KeyboardInterrupt):
+            where = f"http://{arguments.host or HOST}:{shown.port}"
+            print(f"{', '.join(models)}: open {where} and end with Ctrl-C", flush=True)
             shown.run()
         return 0
     if not has_display():
         raise MjframesError("there is no display to open a window on; use mjframes view --web SCENE instead.")
     import mujoco.viewer
 
-    mujoco.viewer.launch(model)
+    for model in models.values():
+        mujoco.viewer.launch(model)
     return 0
 
 

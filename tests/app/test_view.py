@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import io
 import shutil
@@ -10,16 +11,19 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from builders.scenes import FLOOR, compiled, lump
 
-from mjframes.app.drawn import skin_vertices
+from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
 from mjframes.app.view.grip import grip_body, grip_skin
@@ -87,6 +91,32 @@ def cantilever() -> mujoco.MjModel:
     volume = Volume.from_labels(labels, 0.01, materials)
     body = build(volume, 3, supports=[Fixed(held)], damping=(0.0, 0.05))
     return compiled(SHELF, (body, (-0.08, 0, 0), (1, 0, 0, 0)))[0]
+
+
+def labelled(shown: Page, label: str) -> Any:
+    """The panel's input of that label.  Raise LookupError where there is none."""
+    for handle in shown.server.gui._gui_input_handle_from_uuid.values():
+        if getattr(handle, "label", None) == label:
+            return handle
+    raise LookupError(label)
+
+
+def move(shown: Page, handle: Any, value: object) -> None:
+    """Set an input as a browser does, and do what it asks for."""
+    handle.value = value
+    event = SimpleNamespace(client=object(), target=handle)
+    for callback in handle._impl.update_cb:
+        asyncio.run(callback(event))
+    while not shown._commands.empty():
+        shown._commands.get()()
+
+
+def visit(shown: Page) -> None:
+    """Come as a browser does."""
+    client: Any = SimpleNamespace()
+    for callback in shown.server._client_connect_cb:
+        if asyncio.iscoroutinefunction(callback):
+            asyncio.run(callback(client))
 
 
 def test_a_held_point_moves_as_its_skin_does() -> None:
@@ -234,7 +264,7 @@ def test_cameras_are_the_scenes_and_a_free_one() -> None:
 def test_a_page_needs_viser(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MjframesError, match=r'needs viser, which is not installed; pip install "mjframes\[view\]"\.$'):
-        page(mujoco.MjModel.from_xml_string(ROOM)).__enter__()
+        page({"room": mujoco.MjModel.from_xml_string(ROOM)}).__enter__()
 
 
 needs_viser = pytest.mark.skipif(importlib.util.find_spec("viser") is None, reason="viser is not installed")
@@ -246,7 +276,7 @@ def test_everything_is_on_the_page_and_follows_its_body() -> None:
     import viser
 
     model = mujoco.MjModel.from_xml_string(SHAPES)
-    with page(model, port=0) as shown:
+    with page({"shapes": model}, port=0) as shown:
         run, scene = shown.simulation, shown.stage
         assert [body for _, body in scene.rigid] == [1] * 8  # a capsule is three
         shapes = {node.name: node for node, _ in scene.rigid}
@@ -277,7 +307,7 @@ def test_sliders_of_actuators_follow_a_reset() -> None:
     moved = ROOM.replace("<keyframe>", f"{lift}<keyframe>")
     moved = moved.replace("<freejoint/>", '<joint name="up" type="slide" axis="0 0 1"/>')
     moved = moved.replace('qpos="0 0 3 1 0 0 0"', 'qpos="3" ctrl="1.5"')
-    with page(mujoco.MjModel.from_xml_string(moved), port=0) as shown:
+    with page({"room": mujoco.MjModel.from_xml_string(moved)}, port=0) as shown:
         slider, data = shown.controls.actuators[0], shown.simulation.data
         assert (slider.min, slider.max, slider.value) == (-1, 2, 0)
         shown.controls.do("step")
@@ -289,6 +319,94 @@ def test_sliders_of_actuators_follow_a_reset() -> None:
         shown.controls.do("reset")
         assert slider.value == data.ctrl[0] == 0
         assert data.time == 0
+
+
+@needs_viser
+def test_sliders_of_materials_are_factors() -> None:
+    """From a tenth to ten, shown as such in the label and in the box, and what the model is scaled by."""
+    with page({"bar": cantilever()}, port=0) as shown:
+        slider = labelled(shown, "rubber ×1.00")
+        assert (slider.min, slider.max, slider.value) == (0.1, 10, 1)
+        move(shown, slider, 0.5)
+        assert slider.label == "rubber ×0.50"
+        assert stiffness(shown.simulation.model, "soft0", 2) == pytest.approx([0.5, 1])
+
+
+@needs_viser
+def test_nothing_moves_before_a_browser_comes() -> None:
+    stop = threading.Event()
+    with page({"room": mujoco.MjModel.from_xml_string(ROOM)}, port=0) as shown:
+        assert shown.simulation.paused
+        loop = threading.Thread(target=shown.run, args=(stop,))
+        loop.start()
+        try:
+            time.sleep(0.3)
+            assert shown.simulation.data.time == 0
+            visit(shown)
+            for _ in range(PATIENCE):
+                if shown.simulation.data.time > 0:
+                    break
+                time.sleep(0.05)
+            assert shown.simulation.data.time > 0
+        finally:
+            stop.set()
+            loop.join()
+
+
+@needs_viser
+def test_a_page_of_several_scenes_has_a_list_of_them() -> None:
+    """What is chosen is shown instead, and each goes on where it was left."""
+    scenes = {"room": mujoco.MjModel.from_xml_string(ROOM), "bar": cantilever()}
+    with page(scenes, port=0) as shown:
+        for _ in range(10):
+            shown.simulation.step()
+        chooser = labelled(shown, "scene")
+        assert (chooser.options, chooser.value) == (("room", "bar"), "room")
+        move(shown, chooser, "bar")
+        assert shown.simulation.model is scenes["bar"]
+        assert shown.server.scene.get_handle_by_name("/bodies/1/1/box") is None
+        assert shown.server.scene.get_handle_by_name("/skins/0/0") is not None
+        assert labelled(shown, "rubber ×1.00").value == 1
+        assert labelled(shown, "scene").value == "bar"
+        move(shown, labelled(shown, "scene"), "room")
+        assert shown.simulation.data.time == pytest.approx(0.02)
+        assert shown.server.scene.get_handle_by_name("/skins/0/0") is None
+    with page({"bar": cantilever()}, port=0) as shown, pytest.raises(LookupError):
+        labelled(shown, "scene")
+
+
+def test_windows_of_several_scenes_open_one_after_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import mujoco.viewer
+
+    opened: list[int] = []
+    monkeypatch.setattr(mujoco.viewer, "launch", lambda model: opened.append(model.ngeom))
+    monkeypatch.setenv("DISPLAY", ":0")
+    for name, xml in (("room", ROOM), ("shapes", SHAPES)):
+        (tmp_path / f"{name}.xml").write_text(xml)
+    assert main(["view", *(str(tmp_path / f"{name}.xml") for name in ("shapes", "room", "shapes"))]) == 0
+    assert opened == [9, 2]
+
+
+@needs_viser
+def test_veins_are_on_the_page() -> None:
+    """A veined skin is drawn in pieces of several colours that together have all of its triangles, and follow it."""
+    veined = Material(6e4, 0.4, 1000, rgba=(0.6, 0, 0, 1), veins=(1, 1, 1, 1), vein_spacing=0.02)
+    volume = Volume.from_labels(np.ones((8, 8, 3), int), 0.01, {1: veined})
+    model, _ = compiled("<mujoco/>", (build(volume, 2), (0, 0, 0), (1, 0, 0, 0)))
+    with page({"meat": model}, port=0) as shown:
+        pieces = shown.stage.skins
+        shades = sorted(int(piece.node.color[1]) for piece in pieces)
+        assert 3 <= len(pieces) <= BANDS
+        assert shades[0] < 30
+        assert shades[-1] > 200
+        drawn = np.concatenate([piece.used[piece.node.faces] for piece in pieces])
+        assert sorted(map(tuple, drawn)) == sorted(map(tuple, skin_faces(model, 0)))
+        for _ in range(50):
+            shown.simulation.step()
+        shown.stage.draw(shown.simulation.data)
+        for piece in pieces:
+            assert piece.node.vertices == pytest.approx(shown.stage.vertices[0][piece.used])
+            assert piece.node.vertices[:, 2].max() < 0.03
 
 
 @needs_viser
@@ -329,7 +447,7 @@ def shown() -> Iterator[Page]:
     """A bar on a page, running."""
     pytest.importorskip("viser")
     stop = threading.Event()
-    with page(cantilever(), port=0) as bar:
+    with page({"bar": cantilever()}, port=0) as bar:
         loop = threading.Thread(target=bar.run, args=(stop,))
         loop.start()
         try:
@@ -388,7 +506,7 @@ def test_a_softer_bar_sags_on_the_page(shown: Page) -> None:
         complaints: list[str] = []
         web.on("pageerror", lambda error: complaints.append(str(error)))
         web.goto(f"http://127.0.0.1:{shown.port}")
-        label = web.get_by_text("rubber × 1", exact=True)
+        label = web.get_by_text("rubber ×1.00", exact=True)
         label.wait_for()
         wait("the bar comes to rest", at_rest)
         before, seen = end(), settled()
@@ -396,7 +514,7 @@ def test_a_softer_bar_sags_on_the_page(shown: Page) -> None:
         web.locator(f"[id='{label.get_attribute('for')}'] [role=slider]").press("Home")
         wait("the slider moves", lambda: stiffness(run.model, "soft0", 2) == pytest.approx([0.1, 1]))
         wait("the bar sags", lambda: end() < before - 0.01 and at_rest())
-        web.get_by_text("rubber × 0.1", exact=True).wait_for()
+        web.get_by_text("rubber ×0.10", exact=True).wait_for()
         sagging, low = settled(seen), end()
         assert sagging[:, 0].max() > seen[:, 0].max() + 10
 

@@ -14,7 +14,6 @@ from typing import Any
 import mujoco
 import pytest
 
-from mjframes.app import doctor
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import cache_directory
 from mjframes.scene import plugin
@@ -240,21 +239,3 @@ def test_mujoco_4_loads_the_plugin_by_itself() -> None:
     if int(mujoco.mj_versionString().split(".")[0]) >= 4:
         done = run_python(f"import mujoco{IS_REGISTERED}")
         assert done.returncode == 0, done.stderr
-
-
-def test_the_doctor_finds_everything_needed(capsys: pytest.CaptureFixture[str]) -> None:
-    status = doctor.main()
-    printed = capsys.readouterr().out
-    assert status == 0, printed
-    assert str(plugin.library_path()) in printed
-    assert f"made {doctor.STEPS} steps" in printed
-    assert "Newton, dense, up to 300 degrees of freedom" in printed
-
-
-def test_the_doctor_reports_a_failure_as_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv(plugin.LIBRARY_VARIABLE, "missing.so")
-    assert doctor.main() == 2
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("FAILS")]
-    assert "missing.so" in line

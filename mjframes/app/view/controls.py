@@ -16,7 +16,7 @@ from mjframes.app.view.simulation import Simulation
 from mjframes.scene import scaling
 
 Commands = queue.SimpleQueue[Callable[[], None]]
-DECADES = 1.0  # a factor goes from a tenth to ten
+SOFTEST, STIFFEST = 0.1, 10.0  # [-] range of a factor
 START = "start"  # of the scene, beside its keyframes
 COLORS = ("#d62728", "#1f77b4", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
 HEIGHT = 130  # [pixels] of a plot
@@ -144,17 +144,17 @@ class Controls:
         scaling.scale(self._simulation.model, name, damping=(factor, factor))
 
     def _add_factor(self, label: str, what: str, now: float, action: Callable[[float], None]) -> None:
-        """A slider of decades; its label has the factor."""
-        marks = tuple((k * DECADES, f"× {10 ** (k * DECADES):g}") for k in (-1, 0, 1))
-        start = float(np.clip(np.log10(now), -DECADES, DECADES))
-        hint = f"{what}, to what was built; the number is the power of ten."
+        """A slider of a factor, with a box to type it into; its label has the factor as well."""
+        marks = ((SOFTEST, f"×{SOFTEST:g}"), 1.0, (STIFFEST, f"×{STIFFEST:g}"))
+        start = float(np.clip(now, SOFTEST, STIFFEST))
+        hint = f"{what}, as a multiple of what was built."
         slider = self._server.gui.add_slider(
-            f"{label} × {now:.3g}", -DECADES, DECADES, 0.01, start, marks=marks, hint=hint
+            f"{label} ×{now:.2f}", SOFTEST, STIFFEST, 0.01, start, marks=marks, hint=hint
         )
 
-        def changed(decades: float) -> None:
-            slider.label = f"{label} × {10**decades:.3g}"
-            action(10**decades)
+        def changed(factor: float) -> None:
+            slider.label = f"{label} ×{factor:.2f}"
+            action(factor)
 
         self._on(slider, changed)
 

@@ -1,4 +1,4 @@
-"""The page of a scene: a server, and the loop beside it that steps and shows."""
+"""The page of some scenes: a server, and the loop beside it that steps and shows one of them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import queue
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import ClientHandle, ViserServer
 
     from mjframes.app.view.stage import Node
 
@@ -33,26 +33,61 @@ CURVES = 8  # pictures between two updates of numbers and curves
 
 
 class Page:
-    """A scene on a page while it runs.
+    """Scenes on a page: one of them is shown and runs, from when a browser has the page.
 
-    server: of viser.  simulation: what runs.  stage, controls: what the page shows.
+    server: of viser.  scenes: the simulations by name.  simulation: the one that is shown.
+    stage, controls: what the page shows of it.
     """
 
-    def __init__(self, server: ViserServer, model: mujoco.MjModel, warnings: list[str]) -> None:
+    def __init__(self, server: ViserServer, scenes: Mapping[str, Simulation]) -> None:
+        self.server, self.scenes = server, scenes
+        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._visited = False
+        for simulation in scenes.values():
+            simulation.paused = True
+        self.show(next(iter(scenes)))
+
+        async def come(client: ClientHandle) -> None:
+            self._commands.put(self._visit)
+
+        server.on_client_connect(come)
+
+    def show(self, name: str) -> None:
+        """Show the scene of that name, as it was left; it runs if somebody sees it."""
         from mjframes.app.view.controls import Controls
         from mjframes.app.view.stage import Stage
 
-        self.server = server
-        self._commands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self.simulation = Simulation(model, warnings)
-        self.stage = Stage(server, model, self.simulation.data)
-        self.controls = Controls(server, self.simulation, self._commands)
-        aim(server.initial_camera, self.controls.view())
-        server.initial_camera.near = 0.01 * model.stat.extent
-        for skin, node in enumerate(self.stage.skins):
-            self._let_drag(node, lambda at, skin=skin: self._grip_skin(skin, at))
+        server = self.server
+        server.scene.reset()
+        server.gui.reset()
+        self.simulation = simulation = self.scenes[name]
+        simulation.paused = not self._visited
+        model = simulation.model
+        if len(self.scenes) > 1:
+            self._add_chooser(name)
+        self.stage = Stage(server, model, simulation.data)
+        self.controls = Controls(server, simulation, self._commands)
+        view = self.controls.view()
+        for camera in (server.initial_camera, *(client.camera for client in server.get_clients().values())):
+            aim(camera, view)
+            camera.near = 0.01 * model.stat.extent
+        for piece in self.stage.skins:
+            self._let_drag(piece.node, lambda at, skin=piece.skin: self._grip_skin(skin, at))
         for node, body in self.stage.rigid:
-            self._let_drag(node, lambda at, body=body: grip_body(model, self.simulation.data, body, at))
+            self._let_drag(node, lambda at, body=body: grip_body(model, simulation.data, body, at))
+
+    def _visit(self) -> None:
+        """Start the scene for the first browser that comes."""
+        if not self._visited:
+            self._visited, self.simulation.paused = True, False
+
+    def _add_chooser(self, name: str) -> None:
+        async def later(event: Any) -> None:
+            if event.client is not None:
+                chosen = event.target.value
+                self._commands.put(lambda: self.show(chosen))
+
+        self.server.gui.add_dropdown("scene", tuple(self.scenes), initial_value=name).on_update(later)
 
     @property
     def port(self) -> int:
@@ -98,9 +133,10 @@ class Page:
 
 
 @contextmanager
-def page(model: mujoco.MjModel, host: str = HOST, port: int = PORT) -> Iterator[Page]:
-    """A page of a scene at its initial state, served in this block.
+def page(scenes: Mapping[str, mujoco.MjModel], host: str = HOST, port: int = PORT) -> Iterator[Page]:
+    """A page of one or more scenes at their initial states, served in this block.
 
+    scenes: models by the names that the page's chooser lists; the first is shown first.
     host, port: where; port 0 is any that is free.
     Raises MjframesError where viser is missing, for an address that is taken or cannot be, and for a scene that the
     plugin refuses.
@@ -118,10 +154,11 @@ def page(model: mujoco.MjModel, host: str = HOST, port: int = PORT) -> Iterator[
             f"nothing can be served at {host}:{port} ({reason}); give another --port, or 0 for any that is free."
         ) from error
     with mujoco_warnings() as warnings:
+        simulations = {name: Simulation(model, warnings) for name, model in scenes.items()}
         with redirect_stdout(io.StringIO()):  # viser says where it is, and that it ends, whatever it is asked
             server = ViserServer(host, port, verbose=False)
         try:
-            yield Page(server, model, warnings)
+            yield Page(server, simulations)
         finally:
             with redirect_stdout(io.StringIO()):
                 server.stop()

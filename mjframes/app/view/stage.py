@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -12,8 +13,7 @@ from mjframes.app.drawn import (
     drawn_geoms,
     geom_color,
     plane_size,
-    skin_color,
-    skin_faces,
+    skin_parts,
     skin_vertices,
     sky_color,
     surface,
@@ -32,10 +32,22 @@ BELOW = 150  # of 255: how bright the light from below is, of that from everywhe
 AROUND = 0.5  # [-] of the head light's diffuse part that comes from everywhere instead
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """What is drawn of a skin in one colour.
+
+    node: of viser.  skin: number of the skin.  used: which of its vertices (k,) the node has.
+    """
+
+    node: MeshHandle
+    skin: int
+    used: np.ndarray
+
+
 class Stage:
     """What viser draws of a model.
 
-    skins: the node of each skin.  vertices: of each as last drawn (n, 3) [m].
+    skins: the pieces of all skins.  vertices: of each skin as last drawn (n, 3) [m].
     rigid: nodes of geoms that move, with the body of each.
     """
 
@@ -51,22 +63,28 @@ class Stage:
         for geom in drawn_geoms(model):
             self._add_geom(geom)
         self.vertices = skin_vertices(model, data, self._scene)
-        self.skins = [self._add_skin(skin, vertices) for skin, vertices in enumerate(self.vertices)]
+        self.skins = [piece for skin in range(model.nskin) for piece in self._add_skin(skin)]
 
     def draw(self, data: mujoco.MjData) -> None:
         """Show the present state."""
         self.vertices = skin_vertices(self._model, data, self._scene)
         with self._server.atomic():
-            for skin, vertices in zip(self.skins, self.vertices, strict=True):
-                skin.vertices = vertices
+            for piece in self.skins:
+                piece.node.vertices = self.vertices[piece.skin][piece.used]
             for body, frame in self._frames.items():
                 frame.position, frame.wxyz = data.xpos[body], data.xquat[body]
 
-    def _add_skin(self, skin: int, vertices: np.ndarray) -> MeshHandle:
-        color, opacity = _paint(skin_color(self._model, skin))
-        return self._server.scene.add_mesh_simple(
-            f"/skins/{skin}", vertices, skin_faces(self._model, skin), color=color, opacity=opacity
-        )
+    def _add_skin(self, skin: int) -> list[Piece]:
+        pieces = []
+        for k, (faces, rgba) in enumerate(skin_parts(self._model, skin)):
+            used, corners = np.unique(faces, return_inverse=True)
+            color, opacity = _paint(rgba)
+            vertices, faces = self.vertices[skin][used], corners.reshape(faces.shape)
+            node = self._server.scene.add_mesh_simple(
+                f"/skins/{skin}/{k}", vertices, faces, color=color, opacity=opacity
+            )
+            pieces.append(Piece(node, skin, used))
+        return pieces
 
     def _add_geom(self, geom: int) -> None:
         model = self._model
