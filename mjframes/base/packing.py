@@ -50,8 +50,8 @@ def packed(value: object, name: str = "", hints: Mapping[str, Any] = types.Mappi
 def restored(kind: type[T], arrays: Mapping[str, NDArray[Any]], name: str = "") -> T:
     """Return the dataclass `kind` that was packed.
 
-    Raise ArithmeticError, LookupError, RecursionError, TypeError or ValueError for arrays that are not of its fields;
-    whether they fit each other is not looked at.
+    Raise ArithmeticError, AttributeError, LookupError, RecursionError, TypeError or ValueError for arrays that are not
+    of its fields; whether they fit each other is not looked at.
     """
     hints = get_type_hints(kind)
     return kind(
@@ -84,7 +84,11 @@ def _restored(kind: Any, arrays: Mapping[str, NDArray[Any]], name: str, hints: M
         if symmetric:
             return tuple(symmetric_matrix(part) for part in parts[: len(shapes)])
         return tuple(part.reshape(shape) for part, shape in zip(parts, shapes.tolist(), strict=False))
+    if kind is str and array.dtype.kind != "U":
+        raise ValueError(f"{name} is of type {array.dtype}")
     if origin is tuple:
+        if array.ndim != 1 or (arguments[0] is str and array.size and array.dtype.kind != "U"):
+            raise ValueError(f"{name} is of type {array.dtype} and shape {array.shape}")
         if arguments[-1] is not Ellipsis and len(array) != len(arguments):
             raise ValueError(f"{name} has {len(array)} values")
         return tuple(arguments[0](some) for some in array.tolist())

@@ -162,7 +162,7 @@ class SoftBody:
         arrays = read_archive(path, WHAT, KIND, BODY_VERSION)
         try:
             return unpacked(arrays)
-        except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
+        except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
             reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
             raise MjframesError(
                 f"{path}: arrays of the soft body are missing or damaged ({reason.rstrip('.')}); build it again."
@@ -172,7 +172,7 @@ class SoftBody:
 def unpacked(arrays: Mapping[str, np.ndarray]) -> SoftBody:
     """Return the soft body of arrays that `packed` made.
 
-    Raise ArithmeticError, LookupError, RecursionError, TypeError or ValueError for other arrays.
+    Raise ArithmeticError, AttributeError, LookupError, RecursionError, TypeError or ValueError for other arrays.
     """
     body = restored(SoftBody, arrays)
     check_body(body)

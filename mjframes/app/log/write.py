@@ -157,7 +157,8 @@ def attached(name: str, content: bytes) -> tuple[str, bytes]:
 
     Raise lzma.LZMAError for others, and for one that would become too large.
     """
-    unpacked = lzma.LZMADecompressor().decompress(content, LARGEST_FILE + 1)
-    if len(unpacked) > LARGEST_FILE:
-        raise lzma.LZMAError(f"{name} would take more than {LARGEST_FILE >> 20} MiB")
+    decompressor = lzma.LZMADecompressor()
+    unpacked = decompressor.decompress(content, LARGEST_FILE + 1)
+    if len(unpacked) > LARGEST_FILE or not decompressor.eof:
+        raise lzma.LZMAError(f"{name!r} is cut off, or takes more than {LARGEST_FILE >> 20} MiB")
     return name.removesuffix(PACKED), unpacked
