@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import importlib.util
 import io
 import shutil
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from mjframes.app.drawn import skin_vertices
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
 from mjframes.app.view.grip import grip_body, grip_skin
+from mjframes.app.view.guard import answers
 from mjframes.app.view.page import Page, page
 from mjframes.app.view.simulation import PAST, RATE, Simulation
 from mjframes.base.errors import MjframesError
@@ -335,6 +338,53 @@ def test_a_page_ends_with_an_interrupt(tmp_path: Path) -> None:
             served.kill()
     assert served.returncode == 0
     assert (rest, complaints) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("served", "host", "origin", "expected"),
+    [
+        ("127.0.0.1", "127.0.0.1:8080", None, True),
+        ("127.0.0.1", "localhost:9000", "http://localhost:9000", True),
+        ("127.0.0.1", "evil.example:8080", None, False),
+        ("127.0.0.1", "evil.example:8080", "http://evil.example:8080", False),
+        ("127.0.0.1", "127.0.0.1:8080", "http://evil.example", False),
+        ("127.0.0.1", "127.0.0.1:8080", "null", False),
+        ("127.0.0.1", None, None, False),
+        ("127.0.0.1", "[", None, False),
+        ("0.0.0.0", "lab.example:8080", "http://lab.example:8080", True),
+        ("0.0.0.0", "lab.example:8080", "http://evil.example", False),
+    ],
+)
+def test_a_page_answers_its_own_host_and_origin(
+    served: str, host: str | None, origin: str | None, expected: bool
+) -> None:
+    assert answers(served, host, origin) == expected
+
+
+@needs_viser
+def test_a_page_survives_what_strangers_send() -> None:
+    """Other sites are refused; malformed and huge messages, and twenty clients, leave it as it was."""
+    from websockets.exceptions import ConnectionClosed, InvalidStatus
+    from websockets.sync.client import connect
+    from websockets.typing import Origin, Subprotocol
+
+    with page(mujoco.MjModel.from_xml_string(ROOM), port=0) as shown:
+        url = f"ws://127.0.0.1:{shown.port}"
+        offered = [Subprotocol(f"viser-v{importlib.metadata.version('viser')}")]
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(url, origin=Origin("http://evil.example"), subprotocols=offered)
+        for content in (b"", b"\xc1", b"\x81\xa4type\xa4none", bytes(2**23), "text", "[" * 5000):
+            with connect(url, subprotocols=offered, max_size=None) as client, suppress(ConnectionClosed):
+                client.send(content)
+                client.recv(timeout=5)
+        with ExitStack() as stack:
+            clients = [stack.enter_context(connect(url, subprotocols=offered, max_size=None)) for _ in range(20)]
+            for client in clients:
+                assert client.recv(timeout=20)
+            assert len(shown.server.get_clients()) <= 20
+        shown.controls.do("step")
+        shown.stage.draw(shown.simulation.data)
+        assert shown.simulation.data.time == pytest.approx(0.002)
 
 
 @pytest.fixture

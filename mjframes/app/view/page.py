@@ -17,6 +17,7 @@ import numpy as np
 
 from mjframes.app.view.cameras import aim
 from mjframes.app.view.grip import Grip, grip_body, grip_skin
+from mjframes.app.view.guard import guarded
 from mjframes.app.view.simulation import Simulation
 from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings
@@ -118,7 +119,8 @@ def page(model: mujoco.MjModel, host: str = HOST, port: int = PORT) -> Iterator[
             f"nothing can be served at {host}:{port} ({reason}); give another --port, or 0 for any that is free."
         ) from error
     with mujoco_warnings() as warnings:
-        with redirect_stdout(io.StringIO()):  # viser says where it is, and that it ends, whatever it is asked
+        # viser says where it is, and that it ends, whatever it is asked
+        with redirect_stdout(io.StringIO()), guarded(host):
             server = ViserServer(host, port, verbose=False)
         try:
             yield Page(server, model, warnings)
