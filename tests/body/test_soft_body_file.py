@@ -193,7 +193,9 @@ def test_objects_are_not_read(saved: Path) -> None:
 
 
 @pytest.mark.parametrize("bomb", ["header", "zeros"])
-def test_no_memory_is_taken_for_what_a_file_does_not_hold(saved: Path, monkeypatch: pytest.MonkeyPatch, bomb: str) -> None:
+def test_no_memory_is_taken_for_what_a_file_does_not_hold(
+    saved: Path, monkeypatch: pytest.MonkeyPatch, bomb: str
+) -> None:
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (2**40,)})
     content = header.getvalue() + (b"" if bomb == "header" else bytes(2**21))

@@ -164,7 +164,9 @@ def _require_facts(path: str | os.PathLike[str], about: Mapping[str, str]) -> No
             number = math.nan
         least = 0.0 if key in ("seconds", "weight") else sys.float_info.min
         if not (math.isfinite(number) and number >= least and (key != "steps" or text.isdecimal())):
-            raise MjframesError(f"{path}: the log says {key} = {text[:SHOWN]!r}, which is no such number; it is damaged.")
+            raise MjframesError(
+                f"{path}: the log says {key} = {text[:SHOWN]!r}, which is no such number; it is damaged."
+            )
 
 
 def _state(message: Mapping[str, Any]) -> State:
