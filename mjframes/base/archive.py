@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 
-
 LARGEST = 2**33  # [bytes] of all arrays of a file: a volume of as many cells as a grid may have, of the widest labels
 SUFFIX = ".npy"  # of an archive's members
 SHOWN = 20  # letters of a version that no version has
@@ -138,6 +137,7 @@ def read_archive(path: str | os.PathLike[str], what: str, kind: str, version: in
         )
     if str(found := arrays.get("version", 0)) != str(version):
         raise MjframesError(
-            f"{path}: {what} has format version {' '.join(str(found).split())[:SHOWN]}, this mjframes reads {version}; build it again."
+            f"{path}: {what} has format version {' '.join(str(found).split())[:SHOWN]}, "
+            f"this mjframes reads {version}; build it again."
         )
     return arrays

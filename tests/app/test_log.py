@@ -577,8 +577,8 @@ def test_what_a_scene_names_goes_along(tmp_path: Path) -> None:
 
 def edited_log(path: Path, about: dict[str, str] | None = None, message: Any = None, topic: str = "") -> Path:
     """A log of 50 ms, written anew with other facts, or with another message in place of the second of a topic."""
-    from mcap.stream_reader import StreamReader
     from mcap.records import Attachment, Channel, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader
     from mcap.writer import Writer
 
     record(mujoco.MjModel.from_xml_string(ROOM), 0.05, log=path)

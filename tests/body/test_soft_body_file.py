@@ -170,17 +170,18 @@ def test_each_array_is_refused_in_one_sentence_or_does_no_harm(saved: Path) -> N
     """Damaged in any way: a body that is loaded can be attached, and steps."""
     with np.load(saved) as file:
         arrays = {name: file[name] for name in file.files}
-    taken = []
+    taken, said = [], []
     for name, array in arrays.items():
         for how, value in altered(array).items():
             np.savez(saved, allow_pickle=False, **(arrays | {name: value}))
             try:
                 body = SoftBody.load(saved)
             except MjframesError as error:
-                assert re.fullmatch(r"\S+lump\.npz: [^\n]+[^.]\.", str(error)), (name, how, str(error))
+                said.append(str(error))
                 continue
             taken.append((name, how))
             compiled(FLOOR, (body, (0, 0, 1), (1, 0, 0, 0)))
+    assert not [sentence for sentence in said if not re.fullmatch(r"\S+lump\.npz: [^\n]+[^.]\.", sentence)]
     assert len(taken) < 30, taken
 
 

@@ -22,7 +22,6 @@ from mjframes.app.recording import Recording, State
 from mjframes.base.archive import DAMAGED
 from mjframes.base.errors import MjframesError
 
-
 FACTS = ("timestep", "steps", "seconds", "weight")  # that are numbers
 SHOWN = 20  # letters of one that is none
 
