@@ -186,10 +186,26 @@ void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const S
   }
 }
 
-// MuJoCo finds the contacts of a flex itself, by the patch's signed distance (patch_field.h).
-void WriteFlexContact(const mjModel* m, mjData* d, const mjContact& contact, ContactScratch* scratch) {
-  const SoftSide side[2] = {SideOf(m, d, contact.geom[0]), SideOf(m, d, contact.geom[1])};
-  if (!side[0].body && !side[1].body) return;
+// Whether there are rows to write: of a patch and what is not its own body.
+bool IsSoft(const SoftSide side[2]) {
+  if (side[0].body == side[1].body) return false;
+  return std::all_of(side, side + 2, [](const SoftSide& one) { return !one.body || one.patch >= 0; });
+}
+
+// The largest distance of this contact and those after it between the same geoms.
+double HighestOfPair(const mjData* d, int first) {
+  double highest = d->contact[first].dist;
+  for (int c = first + 1; c < d->ncon && std::equal(d->contact[c].geom, d->contact[c].geom + 2, d->contact[first].geom);
+       c++) {
+    highest = std::max(highest, d->contact[c].dist);
+  }
+  return highest;
+}
+
+// For a contact that is not one of FindTouches: it acts on the material that is there. Those of a flex MuJoCo finds
+// itself, by the patch's signed distance (patch_field.h); others a program may have moved, or made.
+void WriteForeignContact(const mjModel* m, mjData* d, const mjContact& contact, const SoftSide side[2],
+                         ContactScratch* scratch) {
   WriteContact(m, d, contact, side, scratch,
                [&](int s, double* weight) { AddPlaceWeights(side[s], d, ToVec3(contact.pos), weight); });
 }
@@ -213,43 +229,42 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   SoftSide side[2];
   int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
   bool recalled = false;                        // from the collision stage
-  double highest = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (contact.efc_address < 0) continue;
-    if (contact.geom[0] < 0 || contact.geom[1] < 0) {
-      WriteFlexContact(m, d, contact, scratch);
-      continue;
-    }
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
       for (int s = 0; s < 2; s++) {
         pair[s] = contact.geom[s];
         side[s] = SideOf(m, d, pair[s]);
       }
-      highest = contact.dist;
-      for (int i = c + 1; i < d->ncon && std::equal(pair, pair + 2, d->contact[i].geom); i++) {
-        highest = std::max(highest, d->contact[i].dist);
-      }
-      recalled = true;
-      count = RecallTouches(d, pair, side, &touch, found);
-      next = 0;
+      recalled = IsSoft(side) && pair[0] >= 0 && pair[1] >= 0;
+      count = next = 0;
+      if (recalled) count = RecallTouches(d, pair, side, &touch, found);
     }
+    if (!IsSoft(side)) continue;
     // contacts of a pair come in the order of its touches, without those that are too far
     const Vec3 position = ToVec3(contact.pos);
     const auto find = [&] {
-      while (next < count && Norm(found[next].position - position) > kSamePlace) next++;
-      return next < count;
+      for (int i = 0; i < count; i++) {
+        const int at = (next + i) % count;
+        if (Norm(found[at].position - position) <= kSamePlace) return at;
+      }
+      return -1;
     };
-    if (!find() && recalled) {  // mjData is a copy, or has other contacts than those found last
+    int same = find();
+    if (same < 0 && recalled) {  // mjData is a copy, or has other contacts than those found last
       recalled = false;
-      count = FindTouches(m, d, pair, side, highest + kSamePlace, &touch, found);
+      count = FindTouches(m, d, pair, side, HighestOfPair(d, c) + kSamePlace, &touch, found);
       next = 0;
-      find();
+      same = find();
     }
-    if (next == count) continue;
+    if (same < 0) {
+      WriteForeignContact(m, d, contact, side, scratch);
+      continue;
+    }
     WriteContact(m, d, contact, side, scratch,
-                 [&](int s, double* weight) { AddTouchWeights(side, found[next], touch, s, weight); });
-    next++;
+                 [&](int s, double* weight) { AddTouchWeights(side, found[same], touch, s, weight); });
+    next = same + 1;
   }
 }
 

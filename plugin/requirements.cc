@@ -1,5 +1,6 @@
 #include "requirements.h"
 
+#include <cmath>
 #include <string>
 
 namespace mjframes {
@@ -33,6 +34,26 @@ void CheckFlexes(const mjModel* m, int patch, Reader* reader) {
   }
 }
 
+// A contact takes what it is solved with from either of its geoms, and one number that is none ends in all.
+void CheckContactNumbers(const mjModel* m, Reader* reader) {
+  const struct {
+    const char* name;
+    const mjtNum* values;
+    int size;
+  } arrays[] = {
+      {"friction", m->geom_friction, 3}, {"margin", m->geom_margin, 1},      {"gap", m->geom_gap, 1},
+      {"solmix", m->geom_solmix, 1},     {"solref", m->geom_solref, mjNREF}, {"solimp", m->geom_solimp, mjNIMP}};
+  for (const auto& [name, values, size] : arrays) {
+    for (int i = 0; i < size * m->ngeom; i++) {
+      const int geom = i / size;
+      if (std::isfinite(values[i]) || !(m->geom_contype[geom] || m->geom_conaffinity[geom])) continue;
+      reader->Fail(std::string("geom ") + std::to_string(geom) + " '" + (m->names + m->name_geomadr[geom]) +
+                   "', which it may touch, has a " + name + " that is no finite number: give it one");
+      return;
+    }
+  }
+}
+
 }  // namespace
 
 const char* WrongOption(const mjModel* m, bool implicit, bool changes_inertia) {
@@ -62,6 +83,7 @@ void CheckRequirements(const mjModel* m, const SoftModel& model, Reader* reader)
       "it is attached to bodies of several kinematic trees, or to a mocap body, and MuJoCo would not wake one "
       "with the other: give the root body of each tree sleep=\"never\", or disable sleep");
   if (model.contact.patches.empty()) return;
+  CheckContactNumbers(m, reader);
   CheckHeightFields(m, model.contact.patches.front().geom, reader);
   CheckFlexes(m, model.contact.patches.front().geom, reader);
 }

@@ -19,8 +19,9 @@ void RowInertia::Start(const mjModel* m, const mjData* d) {
 
 RowGroup RowInertia::Find(const mjModel* m, const mjData* d, int row, int rows) {
   RowGroup group = {row, rows, false, true, 0, nullptr, nullptr};
-  int last = -1;
+  int last = -1, left = 0;  // how many are marked in depends_
   const auto depend = [&](int dof) {
+    left += !depends_[dof];
     depends_[dof] = 1;
     last = std::max(last, dof);
   };
@@ -41,15 +42,16 @@ RowGroup RowInertia::Find(const mjModel* m, const mjData* d, int row, int rows) 
       }
     }
   }
-  for (int dof = last, below = -1; dof >= 0; dof--) {
+  for (int dof = last, below = -1; left > 0; dof--) {
     if (!depends_[dof]) continue;
     depends_[dof] = 0;
+    left--;
     group.marked = group.marked || marked_[dof];
     const int parent = below < 0 ? -1 : m->dof_parentid[below];
     group.paths = group.paths && (parent < 0 || parent == dof);
     below = dof;
     dof_[group.size++] = dof;
-    if (m->dof_parentid[dof] >= 0) depends_[m->dof_parentid[dof]] = 1;
+    if (m->dof_parentid[dof] >= 0) depend(m->dof_parentid[dof]);
   }
   std::reverse(dof_.begin(), dof_.begin() + group.size);
   return group;

@@ -28,8 +28,13 @@ bool HasRoom(const mjData* d, size_t numbers) {
   return 2 * sizeof(mjtNum) * numbers + kStackReserve < static_cast<size_t>(d->narena) - d->pstack - d->parena;
 }
 
+// Whether mj_inverse is at work, which no solver follows. It finds no islands, and marks the stack; where islands are
+// disabled the mark may be another caller's, whose solver then starts where it did the last time.
+bool IsInverse(const mjData* d) { return d->nisland == 0 && d->pbase != 0; }
+
 // Whether the solver that comes is of the kind that this one is, and starts at d->qacc_warmstart.
 bool Starts(const mjModel* m, const mjData* d) {
+  if (IsInverse(d)) return false;
   if (m->opt.solver == mjSOL_PGS || (m->opt.disableflags & mjDSBL_WARMSTART)) return false;
   if (d->efm_active) return false;
   return std::none_of(d->efc_type, d->efc_type + d->nefc, [](int type) { return type == mjCNSTR_CONTACT_ELLIPTIC; });
@@ -38,9 +43,11 @@ bool Starts(const mjModel* m, const mjData* d) {
 // Whether a row's island is solved here: of many more rows than degrees of freedom MuJoCo's own factors are the smaller
 // ones.
 bool IsTaken(const mjModel* m, const mjData* d, int row) {
-  const int island = d->nisland > 0 ? d->efc_island[row] : -1;
-  const int rows = island < 0 ? d->nefc : d->island_nefc[island];
-  const int dofs = static_cast<int>(island < 0 ? m->nv : d->island_nv[island]);
+  const bool parted = d->nisland > 0;
+  const int island = parted ? d->efc_island[row] : 0;
+  if (island < 0) return false;  // it moves nothing
+  const int rows = parted ? d->island_nefc[island] : d->nefc;
+  const int dofs = static_cast<int>(parted ? d->island_nv[island] : m->nv);
   return rows <= std::min(kMostRows, std::max(kFewRows, 2 * dofs));
 }
 
@@ -50,18 +57,40 @@ bool TouchesSoft(const mjModel* m, const mjData* d, int row) {
   return std::any_of(geom, geom + 2, [m](int g) { return g >= 0 && SoftInstanceOf(m, g) >= 0; });
 }
 
+// Whether all actuators are MuJoCo's: callbacks and plugins are called once a step, by MuJoCo.
+bool ActuatesAlone(const mjModel* m) {
+  if (mjcb_act_dyn || mjcb_act_gain || mjcb_act_bias) return false;
+  return std::all_of(m->actuator_plugin, m->actuator_plugin + m->nactuator, [](int plugin) { return plugin < 0; });
+}
+
+// How many numbers of mjData are written by mj_fwdActuation.
+size_t ActuationSize(const mjModel* m) { return m->na + m->nout + m->nv; }
+
+// force += what actuators push with. mjData keeps what it says of them: their stage may not come.
+void AddActuation(const mjModel* m, mjData* d, double* force) {
+  if (m->nactuator == 0 || !ActuatesAlone(m)) return;
+  MarkStack(d);
+  const std::pair<mjtNum*, size_t> written[] = {
+      {d->act_dot, m->na}, {d->actuator_force, m->nout}, {d->qfrc_actuator, m->nv}};
+  mjtNum* const kept = mj_stackAllocNum(d, ActuationSize(m));
+  mjtNum* end = kept;
+  for (const auto& [array, size] : written) end = std::copy_n(array, size, end);
+  mj_fwdActuation(m, d);
+  mju_addTo(force, d->qfrc_actuator, m->nv);
+  end = kept;
+  for (const auto& [array, size] : written) {
+    std::copy_n(end, size, array);
+    end += size;
+  }
+  FreeStack(d);
+}
+
 // The smooth forces, as mj_fwdAcceleration will have them. Bias and actuators are current after this stage only.
 void SmoothForce(const mjModel* m, mjData* d, double* force) {
   mju_zero(force, m->nv);
   mj_rne(m, d, 0, force);
-  // callbacks and plugins are called once a step, by MuJoCo
-  const bool own = mjcb_act_dyn || mjcb_act_gain || mjcb_act_bias ||
-                   std::any_of(m->actuator_plugin, m->actuator_plugin + m->nu, [](int plugin) { return plugin >= 0; });
-  const bool actuated = m->nu > 0 && !own;
-  if (actuated) mj_fwdActuation(m, d);
-  for (int k = 0; k < m->nv; k++) {
-    force[k] = d->qfrc_passive[k] - force[k] + d->qfrc_applied[k] + (actuated ? d->qfrc_actuator[k] : 0);
-  }
+  for (int k = 0; k < m->nv; k++) force[k] = d->qfrc_passive[k] - force[k] + d->qfrc_applied[k];
+  AddActuation(m, d, force);
   for (int body = 1; body < m->nbody; body++) {
     const mjtNum* applied = d->xfrc_applied + 6 * body;
     if (std::any_of(applied, applied + 6, [](mjtNum f) { return f != 0; })) {
@@ -138,22 +167,16 @@ void AddForces(const RowGroup& group, const Lanes& force, double* half) {
 
 // Constraint rows that hang together, and their degrees of freedom.
 struct Island {
-  int rows, first_row, dofs, first_dof;
+  int dofs, first_dof;
   const int* dof;  // null for all
   double scale;    // of MuJoCo's criteria: one over the sum of the inertias
 
   int Dof(int k) const { return dof ? dof[first_dof + k] : k; }
-  bool HasRow(const mjData* d, int row) const {
-    return !dof || (d->map_efc2iefc[row] >= first_row && d->map_efc2iefc[row] < first_row + rows);
-  }
 };
 
 Island IslandOf(const mjModel* m, const mjData* d, int number) {
-  Island island = {d->nefc, 0, static_cast<int>(m->nv), 0, nullptr, 0};
-  if (d->nisland > 0) {
-    island = {d->island_nefc[number],    d->island_iefcadr[number], d->island_nv[number],
-              d->island_idofadr[number], d->map_idof2dof,           0};
-  }
+  Island island = {static_cast<int>(m->nv), 0, nullptr, 0};
+  if (d->nisland > 0) island = {d->island_nv[number], d->island_idofadr[number], d->map_idof2dof, 0};
   double inertia = 0;
   for (int k = 0; k < island.dofs; k++) {
     const int dof = island.Dof(k);
@@ -246,18 +269,28 @@ struct IslandGroups {
     }
   }
 
-  // Finds where groups begin. first: memory (ntree).
+  // visit(tree) for each that group i depends on.
+  template <typename Visit>
+  void ForTrees(int i, const Visit& visit) const {
+    const RowGroup& one = (*this)[i];
+    for (const int *dof = one.dof, *end = dof + one.size; dof < end;) {
+      const int tree = m->dof_treeid[*dof];
+      visit(tree);
+      dof = std::lower_bound(dof, end, m->tree_dofadr[tree] + m->tree_dofnum[tree]);
+    }
+  }
+
+  // Finds where groups begin. first: of each tree, −1 before and after (ntree).
   void FindBegins(int* first) const {
-    std::fill_n(first, m->ntree, count);
     for (int i = 0; i < count; i++) {
-      const RowGroup& one = (*this)[i];
       begin[i] = i;
-      for (const int *dof = one.dof, *end = dof + one.size; dof < end;) {
-        const int tree = m->dof_treeid[*dof];
-        first[tree] = std::min(first[tree], i);
+      ForTrees(i, [&](int tree) {
+        if (first[tree] < 0) first[tree] = i;
         begin[i] = std::min(begin[i], first[tree]);
-        dof = std::lower_bound(dof, end, m->tree_dofadr[tree] + m->tree_dofnum[tree]);
-      }
+      });
+    }
+    for (int i = 0; i < count; i++) {
+      ForTrees(i, [first](int tree) { first[tree] = -1; });
     }
   }
 
@@ -313,13 +346,12 @@ bool SolveFree(const Problem& problem, const Island& island, const IslandGroups&
 }
 
 // Adds the forces of an island's rows, those of `members` of the groups, to `half`. False where they were not found.
-// work: memory (nv).
+// first_of_tree: −1 before and after (ntree). work: memory (nv).
 bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGroup* group, const int* members,
-                 int count, double* half, double* work) {
+                 int count, double* half, int* first_of_tree, double* work) {
   const int n = kLanes * count;
   const size_t square = static_cast<size_t>(n) * n;
-  if (!HasRoom(d, square + Envelope::Entries(n) + Envelope::Memory(n) + 17 * static_cast<size_t>(n) + m->ntree))
-    return false;
+  if (!HasRoom(d, square + Envelope::Entries(n) + Envelope::Memory(n) + 17 * static_cast<size_t>(n))) return false;
   MarkStack(d);
   double *A = mj_stackAllocNum(d, square), *matrix = mj_stackAllocNum(d, Envelope::Entries(n));
   double* memory = mj_stackAllocNum(d, Envelope::Memory(n));
@@ -331,7 +363,7 @@ bool SolveIsland(const mjModel* m, mjData* d, const Island& island, const RowGro
   char* known = static_cast<char*>(mj_stackAllocByte(d, static_cast<size_t>(count) * count, 1));
   std::fill_n(known, static_cast<size_t>(count) * count, 0);
   const IslandGroups groups = {m, group, members, count, A, known, mj_stackAllocInt(d, count), work};
-  groups.FindBegins(mj_stackAllocInt(d, m->ntree));
+  groups.FindBegins(first_of_tree);
   for (int i = 0; i < n; i++) {
     const int r = i % kLanes, row = groups[i / kLanes].row + r;
     const bool there = r < groups[i / kLanes].rows;
@@ -401,26 +433,43 @@ void WriteStart(const mjModel* m, mjData* d, const Island& island, const double*
   });
 }
 
+// Sorts groups by their islands: those of island i are members[first[i]] up to members[first[i + 1]], in their order.
+// first: memory (islands + 2).
+void SortByIsland(const mjData* d, const RowGroup* groups, int count, int islands, int* first, int* members) {
+  const auto island_of = [&](int i) { return d->nisland > 0 ? d->efc_island[groups[i].row] : 0; };
+  std::fill_n(first, islands + 2, 0);
+  for (int i = 0; i < count; i++) first[island_of(i) + 2]++;
+  for (int i = 0; i < islands; i++) first[i + 2] += first[i + 1];
+  for (int i = 0; i < count; i++) members[first[island_of(i) + 1]++] = i;
+}
+
+// How many numbers WriteStarts takes of the stack, for so many groups.
+size_t StartsSize(const mjModel* m, const mjData* d, int count) {
+  return 4 * m->nv + count + d->nisland + 3 + m->ntree + ActuationSize(m);
+}
+
 // From the groups of all rows of the islands that are taken.
 void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count, const double* sqrt_inverse) {
-  const int nv = m->nv;
+  const int nv = m->nv, islands = std::max(1, d->nisland);
   double *smooth = mj_stackAllocNum(d, nv), *half = mj_stackAllocNum(d, nv);
   double *left = mj_stackAllocNum(d, nv), *work = mj_stackAllocNum(d, nv);
-  int* members = mj_stackAllocInt(d, count);
+  int *members = mj_stackAllocInt(d, count), *first = mj_stackAllocInt(d, islands + 2);
+  int* first_of_tree = mj_stackAllocInt(d, m->ntree);
+  SortByIsland(d, groups, count, islands, first, members);
+  std::fill_n(first_of_tree, m->ntree, -1);
   SmoothForce(m, d, smooth);
   mj_referenceConstraint(m, d);
   mj_mulJacVec(m, d, d->efc_b, d->qacc_warmstart);
   mju_subFrom(d->efc_b, d->efc_aref, d->nefc);
   mj_solveM2(m, d, half, smooth, sqrt_inverse, 1);
-  for (int number = 0; number < std::max(1, d->nisland); number++) {
-    const Island island = IslandOf(m, d, number);
-    int size = 0;
-    for (int i = 0; i < count; i++) {
-      if (island.HasRow(d, groups[i].row)) members[size++] = i;
-    }
+  for (int number = 0; number < islands; number++) {
+    const int *member = members + first[number], size = first[number + 1] - first[number];
     if (size == 0) continue;
-    if (IsSolved(m, d, island, groups, members, size, half, sqrt_inverse, left, work)) continue;
-    if (SolveIsland(m, d, island, groups, members, size, half, work)) WriteStart(m, d, island, half, sqrt_inverse);
+    const Island island = IslandOf(m, d, number);
+    if (IsSolved(m, d, island, groups, member, size, half, sqrt_inverse, left, work)) continue;
+    if (SolveIsland(m, d, island, groups, member, size, half, first_of_tree, work)) {
+      WriteStart(m, d, island, half, sqrt_inverse);
+    }
   }
 }
 
@@ -452,7 +501,7 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d) {
       if (keeps) groups[count++] = group;
     }
   }
-  if (starts && count > 0 && HasRoom(d, 4 * m->nv + count))
+  if (starts && count > 0 && HasRoom(d, StartsSize(m, d, count)))
     WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
   FreeStack(d);
 }

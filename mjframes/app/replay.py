@@ -13,6 +13,7 @@ from mjframes.app.plot import plot_file
 from mjframes.app.ticks import Ticks
 from mjframes.app.video import film
 from mjframes.base.errors import MjframesError
+from mjframes.scene.load import mujoco_warnings, start
 from mjframes.scene.packed import unpack
 
 
@@ -28,7 +29,8 @@ def film_of(
     A frame shows the first state that was logged at its time or later.
     """
     states, model = log.states(), unpack(log.files, log.path)
-    data = mujoco.MjData(model)
+    with mujoco_warnings() as warnings:
+        data = start(model, warnings)
     ticks = Ticks(fps, early=float(log.about["timestep"]) / 2)
     with film(model, path, camera=camera, fps=fps, size=size) as draw:
         for state in states:

@@ -48,7 +48,11 @@ def packed(value: object, name: str = "", hints: Mapping[str, Any] = types.Mappi
 
 
 def restored(kind: type[T], arrays: Mapping[str, NDArray[Any]], name: str = "") -> T:
-    """Return the dataclass `kind` that was packed. Raise KeyError, TypeError or ValueError for other arrays."""
+    """Return the dataclass `kind` that was packed.
+
+    Raise ArithmeticError, AttributeError, LookupError, RecursionError, TypeError or ValueError for arrays that are not
+    of its fields; whether they fit each other is not looked at.
+    """
     hints = get_type_hints(kind)
     return kind(
         **{
@@ -66,21 +70,25 @@ def _restored(kind: Any, arrays: Mapping[str, NDArray[Any]], name: str, hints: M
         return _restored(arguments[0], arrays, name, hints)
     if kind is sparse.csr_array:
         data, indices, indptr, columns = (arrays[f"{name}.{part}"] for part in ROW_PARTS)
-        rows = indptr.astype(np.int64)
-        entries = (data.astype(np.float64), indices.astype(np.int32), rows)
+        rows = _cast(indptr, np.int64, name)
+        entries = (_cast(data, np.float64, name), _cast(indices, np.int32, name), rows)
         return sparse.csr_array(entries, shape=(len(rows) - 1, int(columns)))
     if is_dataclass(kind):
         return restored(cast(type, kind), arrays, name)
     array = arrays[name]
     if kind is np.ndarray or origin is np.ndarray:
-        return array.astype(_dtype(kind, array))
+        return _cast(array, _dtype(kind, array), name)
     if origin is tuple and _is_array(arguments[0]):
-        shapes, symmetric = arrays[f"{name}.shape"].astype(np.int64), bool(hints.get("symmetric"))
-        parts = np.split(array.astype(_dtype(arguments[0], array)), np.cumsum(shapes.prod(axis=1))[:-1])
+        shapes, symmetric = _cast(arrays[f"{name}.shape"], np.int64, name), bool(hints.get("symmetric"))
+        parts = np.split(_cast(array, _dtype(arguments[0], array), name), np.cumsum(shapes.prod(axis=1))[:-1])
         if symmetric:
             return tuple(symmetric_matrix(part) for part in parts[: len(shapes)])
         return tuple(part.reshape(shape) for part, shape in zip(parts, shapes.tolist(), strict=False))
+    if kind is str and array.dtype.kind != "U":
+        raise ValueError(f"{name} is of type {array.dtype}")
     if origin is tuple:
+        if array.ndim != 1 or (arguments[0] is str and array.size and array.dtype.kind != "U"):
+            raise ValueError(f"{name} is of type {array.dtype} and shape {array.shape}")
         if arguments[-1] is not Ellipsis and len(array) != len(arguments):
             raise ValueError(f"{name} has {len(array)} values")
         return tuple(arguments[0](some) for some in array.tolist())
@@ -132,6 +140,14 @@ def _dtype(kind: Any, array: NDArray[Any]) -> Any:
     if isinstance(named, type) and issubclass(named, np.generic):
         return named if named in CONCRETE else array.dtype
     return np.int64 if np.issubdtype(array.dtype, np.integer) else array.dtype
+
+
+def _cast(array: NDArray[Any], dtype: Any, name: str) -> NDArray[Any]:
+    """An array of a type; of numbers only, and of whole ones where the type is."""
+    kinds = "iu" if np.issubdtype(dtype, np.integer) else "fiu"
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{name} is of type {array.dtype}")
+    return array.astype(dtype)
 
 
 def _from_json(kind: Any, values: Mapping[str, Any]) -> Any:

@@ -13,8 +13,9 @@ from scipy import sparse
 
 from mjframes.base.archive import is_archive, read_archive, write_archive
 from mjframes.base.constants import BODY_VERSION, KIND
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, telling_memory
 from mjframes.base.packing import packed, restored
+from mjframes.body.check import check_body
 from mjframes.body.fields import Fields
 from mjframes.elasticity.quadrature import Quadrature
 from mjframes.elasticity.shares import factor_of
@@ -155,18 +156,26 @@ class SoftBody:
         write_archive(path, WHAT, KIND, BODY_VERSION, packed(self))
 
     @staticmethod
+    @telling_memory
     def load(path: str | os.PathLike[str]) -> SoftBody:
         """Return what `save` wrote. Raise MjframesError for anything else."""
         arrays = read_archive(path, WHAT, KIND, BODY_VERSION)
         try:
             return unpacked(arrays)
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise MjframesError(f"{path}: arrays of the soft body are missing or damaged; build it again.") from error
+        except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+            reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
+            raise MjframesError(
+                f"{path}: arrays of the soft body are missing or damaged ({reason.rstrip('.')}); build it again."
+            ) from error
 
 
 def unpacked(arrays: Mapping[str, np.ndarray]) -> SoftBody:
-    """Return the soft body of arrays that `packed` made. Raise KeyError, TypeError or ValueError for other arrays."""
+    """Return the soft body of arrays that `packed` made.
+
+    Raise ArithmeticError, AttributeError, LookupError, RecursionError, TypeError or ValueError for other arrays.
+    """
     body = restored(SoftBody, arrays)
+    check_body(body)
     return replace(body, fields=body.fields.normalised())
 
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import functools
 import io
 import os
-import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,11 +17,14 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from mjframes.base.archive import DAMAGED, Arrays
 from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings, sentence
 
 SCENE = "scene.xml"  # name of the scene among its files
 NUMBERS = "numbers.npz"  # of the model, those that its XML does not give
+FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a compiler: where files are looked for
+SHOWN = 40  # letters of a name that is none
 PARTS = (
     "",
     "opt",
@@ -60,15 +62,30 @@ def unpack(files: Mapping[str, bytes], where: str) -> mujoco.MjModel:
     others = {name: content for name, content in files.items() if name not in (SCENE, NUMBERS)}
     with mujoco_warnings() as warnings:
         try:
+            _require_own_files(files[SCENE], others)
             model = mujoco.MjSpec.from_string(files[SCENE].decode(), assets=others).compile()
         except (ValueError, mujoco.FatalError) as error:
             raise MjframesError(f"{where}: MuJoCo cannot load its scene ({sentence(error, warnings)}).") from error
     if NUMBERS in files:
         try:
             _set_numbers(model, files[NUMBERS])
-        except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise MjframesError(f"{where}: the numbers of its scene are damaged ({error}).") from error
     return model
+
+
+def _require_own_files(scene: bytes, files: Collection[str]) -> None:
+    """Raise ValueError where a scene names a file that is not packed with it: MuJoCo would look for it on the disk."""
+    try:
+        root = ElementTree.fromstring(scene)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"it is no XML, {error}") from error
+    for element in root.iter():
+        for key, name in element.items():
+            if key.startswith("file") and name not in files:
+                raise ValueError(f"it names the file {name!r}, which is not packed with it")
+            if key in FOLDERS:
+                raise ValueError(f"it looks for files in {name!r}, and those of a packed scene are with it")
 
 
 def _differing(model: mujoco.MjModel, other: mujoco.MjModel) -> bytes:
@@ -92,14 +109,17 @@ def _numbers(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _set_numbers(model: mujoco.MjModel, content: bytes) -> None:
-    """Set those that `_differing` wrote.  Raise ValueError, EOFError or AttributeError where it did not."""
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        for path in file.files:
+    """Set those that `_differing` wrote.  Raise one of DAMAGED where it did not."""
+    known = dict(_numbers(model))
+    with Arrays(io.BytesIO(content)) as file:
+        for path, value in file.items():
+            if path not in known or value.shape != known[path].shape or value.dtype.kind != "f":
+                raise ValueError(f"{path[:SHOWN]!r} is no number of its model")
             part, _, name = path.rpartition(".")
-            if file[path].ndim:
-                getattr(_part(model, part), name)[...] = file[path]
+            if value.ndim:
+                getattr(_part(model, part), name)[...] = value
             else:
-                setattr(_part(model, part), name, float(file[path]))
+                setattr(_part(model, part), name, float(value))
 
 
 def _part(model: mujoco.MjModel, path: str) -> Any:
@@ -118,7 +138,7 @@ def _take_along(root: ElementTree.Element, spec: mujoco.MjSpec) -> dict[str, byt
             files[new] = _content(spec, folder, name)
             element.set(key, new)
     for compiler in root.iterfind("compiler"):
-        for key in ("meshdir", "texturedir", "assetdir"):
+        for key in FOLDERS:
             compiler.attrib.pop(key, None)
     return files
 

@@ -16,9 +16,10 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import mujoco
@@ -32,6 +33,9 @@ FORCE_SENSOR_NAME = "mjframes.force_sensor"
 PATCH_NAME = "mjframes.patch"
 FLAGS_FILE = "compile_flags.txt"  # CMake and clangd read it too
 LIBRARY_VARIABLE = "MJFRAMES_PLUGIN_LIBRARY"  # names a library to use instead, for example one with sanitizers
+
+SCRATCH = "compiling-"  # begins the names of folders that compilations work in
+ABANDONED = 3600.0  # [s] after which such a folder belongs to a process that has died
 
 _PACKAGED = Path(__file__).parents[1] / "_plugin"  # in an installed wheel: sources and a library
 _CHECKOUT = Path(__file__).parents[2] / "plugin"
@@ -160,7 +164,8 @@ def _reason_to_compile(sources: Path) -> str:
 def _compile(compiler: list[str], sources: Path, include: Path, mujoco_library: Path, target: Path) -> None:
     flags = (sources / FLAGS_FILE).read_text().split()
     units = sorted(sources.glob("*.cc"))
-    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+    _remove_abandoned(target.parent)
+    with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=target.parent) as scratch:
         objects = [Path(scratch) / f"{unit.stem}.o" for unit in units]
         partial = Path(scratch) / target.name
         commands = [
@@ -181,6 +186,14 @@ def _compile(compiler: list[str], sources: Path, include: Path, mujoco_library: 
                 "it must be a compiler with C++20, for example g++ 11 or newer (set CXX to choose one)."
             )
         os.replace(partial, target)
+
+
+def _remove_abandoned(directory: Path) -> None:
+    """Remove what compilations left that were killed."""
+    for scratch in directory.glob(f"{SCRATCH}*"):
+        with suppress(OSError):  # another process may be as quick
+            if time.time() - scratch.stat().st_mtime > ABANDONED:
+                shutil.rmtree(scratch)
 
 
 def _run(command: Sequence[str]) -> tuple[int, str]:

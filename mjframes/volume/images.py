@@ -8,22 +8,28 @@ voxel, .npz files its corner: `origin_index` says which.
 
 from __future__ import annotations
 
+import bz2
 import importlib
 import json
+import math
+import re
 import warnings
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.archive import Arrays, read_array, require_beside, require_possible
 from mjframes.base.constants import KIND, VOLUME_VERSION
 from mjframes.base.errors import MjframesError, Notice
 from mjframes.volume.material import Material
 from mjframes.volume.metaimage import read_metaimage
 
+PIECE = 2**10  # [bytes] of compressed data that are looked at together: some megabytes at most
 METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3, "millimetre": 1e-3}
 METRES |= {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6}
 METRES |= {"": 1e-3, "unknown": 1e-3, "???": 1e-3}  # scanners write millimetres, whether or not they say so
@@ -87,7 +93,7 @@ def _read_npz(path: Path) -> LabelImage:
     with path.open("rb") as file:
         if file.read(2) != b"PK":
             raise MjframesError(f"{path}: this is not an .npz archive; write it with Volume.save or numpy.savez.")
-    with np.load(path, allow_pickle=False) as archive:
+    with Arrays(path) as archive:
         if str(archive.get("kind")) == KIND:
             raise MjframesError(f"{path}: this is a soft body, which is built already; read it with SoftBody.load.")
         if "format_version" in archive and (version := int(archive["format_version"])) != VOLUME_VERSION:
@@ -98,8 +104,6 @@ def _read_npz(path: Path) -> LabelImage:
         spacing, origin = (archive.get(name) for name in ("spacing", "origin"))
         axes = archive["axes"].astype(np.float64) if "axes" in archive else np.eye(3)
         materials = _parse_materials(path, str(archive["materials"])) if "materials" in archive else None
-    if not isinstance(labels, np.ndarray):  # NumPy hands out the bytes of a member that is no array
-        raise MjframesError(f"{path}: its member 'labels' is not an array; write the file with numpy.savez.")
     return LabelImage(labels, spacing, axes, origin, materials=materials)
 
 
@@ -133,7 +137,8 @@ def _parse_materials(path: Path, text: str) -> dict[int, Material]:
 
 
 def _read_npy(path: Path) -> LabelImage:
-    return LabelImage(np.load(path, allow_pickle=False))
+    with path.open("rb") as file:
+        return LabelImage(read_array(file, path.stat().st_size))
 
 
 def _read_metaimage(path: Path) -> LabelImage:
@@ -146,7 +151,11 @@ def _read_metaimage(path: Path) -> LabelImage:
 
 
 def _read_nrrd(path: Path) -> LabelImage:
-    labels, header = _import("nrrd", path).read(str(path))
+    nrrd = _import("nrrd", path)
+    with path.open("rb") as file:
+        header = nrrd.read_header(file)
+        _require_nrrd_size(path, file, header)
+        labels = nrrd.read_data(header, file, str(path))
     if labels.ndim != 3:
         return LabelImage(labels)  # refused later, like every array that is not 3-D
     scale = _scale(path, header.get("space units", header.get("units", [""] * 3)))
@@ -159,6 +168,33 @@ def _read_nrrd(path: Path) -> LabelImage:
             return LabelImage(labels)
     origin = header.get("space origin")
     return _from_steps(path, labels, scale[:, None] * steps, None if origin is None else scale * np.asarray(origin))
+
+
+def _require_nrrd_size(path: Path, file: IO[bytes], header: Mapping[str, Any]) -> None:
+    """Raise MjframesError where the data would be larger than the header says, or are in another folder."""
+    claimed = math.prod(map(int, header["sizes"])) * _nrrd_itemsize(str(header["type"]))
+    require_possible(path, claimed)
+    for key in ("datafile", "data file"):
+        if key in header:
+            require_beside(path, str(header[key]))
+    start, unpack = file.tell(), None
+    if str(header.get("encoding")) in ("gzip", "gz"):
+        unpack = zlib.decompressobj(zlib.MAX_WBITS | 16)
+    elif str(header.get("encoding")) in ("bzip2", "bz2"):
+        unpack = bz2.BZ2Decompressor()
+    size, most = 0, claimed + max(0, int(header.get("byteskip", header.get("byte skip", 0))))
+    while unpack is not None and size <= most and (some := file.read(PIECE)):
+        size += len(unpack.decompress(some))
+    if size > most:
+        raise MjframesError(f"{path}: its data are larger than the sizes {list(header['sizes'])} of its header.")
+    file.seek(start)
+
+
+def _nrrd_itemsize(kind: str) -> int:
+    """Return how many bytes a number of that type takes, or more."""
+    if bits := re.search(r"8|16|32|64", kind):
+        return int(bits[0]) // 8
+    return 8 if "long" in kind else {"char": 1, "uchar": 1, "short": 2, "ushort": 2}.get(kind.split()[-1], 8)
 
 
 def _read_nifti(path: Path) -> LabelImage:
@@ -190,6 +226,10 @@ def _nifti_labels(path: Path, image: Any) -> NDArray[Any]:
     Slices of zeros are not written, and so are no memory; nibabel would hold all of the file twice.
     """
     stored = image.dataobj
+    size = math.prod(stored.shape) * stored.dtype.itemsize
+    require_possible(path, size)
+    if path.suffix.lower() == ".nii" and size > path.stat().st_size:
+        raise MjframesError(f"{path}: its header asks for {size} bytes of data, and the file ends before.")
     is_plain = stored.dtype.kind in "iu" and (stored.slope, stored.inter) == (1, 0) and len(stored.shape) == 3
     if not is_plain:
         return np.asanyarray(stored)

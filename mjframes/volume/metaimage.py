@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.archive import require_beside, require_possible
 from mjframes.base.errors import MjframesError
 
 TYPES = {"CHAR": "i1", "UCHAR": "u1", "SHORT": "i2", "USHORT": "u2", "INT": "i4", "UINT": "u4", "LONG": "i4"}
@@ -58,7 +59,8 @@ def read_metaimage(path: Path) -> MetaImage:
         )
     is_big = _flag(header, "binarydatabyteordermsb") or _flag(header, "elementbyteordermsb")
     dtype = np.dtype(TYPES[kind]).newbyteorder(">" if is_big else "<")
-    data = _data(path, header, local, math.prod(shape) * dtype.itemsize)
+    require_possible(path, size := math.prod(shape) * dtype.itemsize)
+    data = _data(path, header, local, size)
     matrix = numbers("transformmatrix", "rotation", "orientation")
     return MetaImage(
         labels=np.frombuffer(data, dtype).reshape(shape, order="F"),
@@ -91,6 +93,7 @@ def _data(path: Path, header: dict[str, str], local: bytes, size: int) -> bytes:
     if name.upper() == "LOCAL":
         file, data = path.name, local
     else:
+        require_beside(path, name)
         file, source = name, path.parent / name
         if not source.is_file():
             raise MjframesError(f"{path}: there is no file {name} beside it, which its header names as the data.")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
+import lzma
 import os
 import signal
 import subprocess
@@ -22,7 +24,8 @@ from scipy.spatial import KDTree
 
 from mjframes.app import video
 from mjframes.app.drawn import skin_vertices
-from mjframes.app.log.numbers import instants, messages, state_message
+from mjframes.app.log import numbers, write
+from mjframes.app.log.numbers import FIELDS, instants, messages, state_message
 from mjframes.app.log.options import TOPICS, Log
 from mjframes.app.log.read import read_log
 from mjframes.app.recording import Instant, State
@@ -570,3 +573,94 @@ def test_what_a_scene_names_goes_along(tmp_path: Path) -> None:
         pack(on_disk)
     with pytest.raises(MjframesError, match=r"^it: MuJoCo cannot load its scene \(.*\)\.$"):
         unpack({SCENE: b"<mujoco><geom/></mujoco>"}, "it")
+
+
+def edited_log(path: Path, about: dict[str, str] | None = None, message: Any = None, topic: str = "") -> Path:
+    """A log of 50 ms, written anew with other facts, or with another message in place of the second of a topic."""
+    from mcap.records import Attachment, Channel, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import Writer
+
+    record(mujoco.MjModel.from_xml_string(ROOM), 0.05, log=path)
+    with path.open("rb") as stream:
+        records = list(StreamReader(stream).records)
+    channels: dict[int, int] = {}
+    topics: dict[int, str] = {}
+    seen = 0
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for one in records:
+            if isinstance(one, Schema) and one.id not in channels:
+                writer.register_schema(one.name, one.encoding, one.data)
+            elif isinstance(one, Channel) and one.id not in topics:
+                topics[one.id] = one.topic
+                channels[one.id] = writer.register_channel(one.topic, one.message_encoding, one.schema_id)
+            elif isinstance(one, Message):
+                seen += topics[one.channel_id] == topic
+                changed = topics[one.channel_id] == topic and seen == 2
+                data = json.dumps(message(json.loads(one.data))).encode() if changed else one.data
+                writer.add_message(channels[one.channel_id], one.log_time, data, one.publish_time)
+            elif isinstance(one, Metadata):
+                facts = {**one.metadata, **(about or {})}
+                writer.add_metadata(one.name, {key: value for key, value in facts.items() if value != "-"})
+            elif isinstance(one, Attachment):
+                writer.add_attachment(0, 0, one.name, one.media_type, one.data)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("value", ["-", "", "much", "nan", "-1", "1e999", "0x10"])
+@pytest.mark.parametrize("fact", ["timestep", "steps", "seconds", "weight"])
+def test_facts_of_a_log_that_are_no_numbers_are_one_sentence(tmp_path: Path, fact: str, value: str) -> None:
+    path = edited_log(tmp_path / "a.mcap", {fact: value})
+    if value == "-" and fact in ("steps", "seconds"):
+        assert read_log(path).recording().instants  # as of a log that was cut off
+        return
+    with pytest.raises(MjframesError, match=rf"a\.mcap: .*({fact}|of what)"):
+        read_log(path).recording()
+
+
+WRONG = [None, "x", [], {}, True, [[]], ["x"], [None], 10**400]
+
+
+@pytest.mark.parametrize("topic", ["/state", "/energy", "/contacts"])
+def test_each_field_of_a_log_is_refused_in_one_sentence(tmp_path: Path, topic: str) -> None:
+    for key in ("time", *FIELDS[topic[1:]]):
+        for value in WRONG:
+            if value == [] and FIELDS[topic[1:]].get(key) is numbers.NUMBERS:
+                continue  # no numbers are numbers
+            path = edited_log(tmp_path / "a.mcap", message=lambda one, k=key, v=value: {**one, k: v}, topic=topic)
+            with pytest.raises(MjframesError, match=rf"a\.mcap: the log is damaged \(a message of {topic} has no"):
+                read_log(path)
+    for value in (None, [], "x", 3):
+        path = edited_log(tmp_path / "a.mcap", message=lambda _, v=value: v, topic=topic)
+        with pytest.raises(MjframesError, match=r"a\.mcap: the log is damaged"):
+            read_log(path)
+
+
+def test_a_packed_scene_reads_no_files_of_the_disk(tmp_path: Path) -> None:
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    for xml in (
+        f'<mujoco><asset><mesh name="a" file="{tmp_path}/box.stl"/></asset></mujoco>',
+        f'<mujoco><compiler meshdir="{tmp_path}"/><asset><mesh name="a" file="box.stl"/></asset></mujoco>',
+        f'<mujoco><include file="{tmp_path}/other.xml"/></mujoco>',
+    ):
+        with pytest.raises(MjframesError, match=r"the log: MuJoCo cannot load its scene \(it (names|looks)"):
+            unpack({SCENE: xml.encode()}, "the log")
+
+
+@pytest.mark.parametrize("name", ["nq", "geom_type", "__class__.x", "opt.iterations", "vis.global_.nothing"])
+def test_numbers_of_a_packed_scene_are_those_of_its_model(name: str) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, **{name: np.zeros(1)})
+    with pytest.raises(MjframesError, match="the numbers of its scene are damaged"):
+        unpack({SCENE: ROOM.encode(), NUMBERS: stream.getvalue()}, "the log")
+
+
+def test_an_attachment_does_not_unpack_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(write, "LARGEST_FILE", 1000)
+    assert write.attached("a.xz", lzma.compress(bytes(1000))) == ("a", bytes(1000))
+    for content in (lzma.compress(bytes(1001)), lzma.compress(bytes(100))[:-9]):
+        with pytest.raises(lzma.LZMAError):
+            write.attached("a.xz", content)

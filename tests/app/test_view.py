@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.metadata
 import importlib.util
 import io
 import shutil
@@ -13,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,7 @@ from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
 from mjframes.app.view.grip import grip_body, grip_skin
+from mjframes.app.view.guard import answers
 from mjframes.app.view.page import Page, page
 from mjframes.app.view.simulation import PAST, RATE, Simulation
 from mjframes.base.errors import MjframesError
@@ -410,6 +413,19 @@ def test_veins_are_on_the_page() -> None:
 
 
 @needs_viser
+def test_sliders_of_several_controls_of_an_actuator_have_its_name() -> None:
+    """And those after it have theirs: there are more controls than actuators."""
+    arm = """<body pos="2 0 0"><joint name="lift" axis="0 1 0"/><geom size=".1"/>
+      <body pos="1 0 0"><joint name="wrist" type="ball"/><geom size=".1"/></body></body></worldbody><actuator>
+      <orientation name="turn" joint="wrist" kp="1" ctrlrange="-1 1"/>
+      <general joint="lift" ctrlrange="-1 2"/></actuator>"""
+    with page({"arm": mujoco.MjModel.from_xml_string(ROOM.replace("</worldbody>", arm))}, port=0) as shown:
+        sliders = shown.controls.actuators
+        assert [sliders[k].label for k in sorted(sliders)] == ["turn 0", "turn 1", "turn 2", "actuator 1"]
+        assert sliders[3].max == 2
+
+
+@needs_viser
 def test_a_port_that_is_taken_ends_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene.xml").write_text(ROOM)
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -440,6 +456,53 @@ def test_a_page_ends_with_an_interrupt(tmp_path: Path) -> None:
             served.kill()
     assert served.returncode == 0
     assert (rest, complaints) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("served", "host", "origin", "expected"),
+    [
+        ("127.0.0.1", "127.0.0.1:8080", None, True),
+        ("127.0.0.1", "localhost:9000", "http://localhost:9000", True),
+        ("127.0.0.1", "evil.example:8080", None, False),
+        ("127.0.0.1", "evil.example:8080", "http://evil.example:8080", False),
+        ("127.0.0.1", "127.0.0.1:8080", "http://evil.example", False),
+        ("127.0.0.1", "127.0.0.1:8080", "null", False),
+        ("127.0.0.1", None, None, False),
+        ("127.0.0.1", "[", None, False),
+        ("0.0.0.0", "lab.example:8080", "http://lab.example:8080", True),
+        ("0.0.0.0", "lab.example:8080", "http://evil.example", False),
+    ],
+)
+def test_a_page_answers_its_own_host_and_origin(
+    served: str, host: str | None, origin: str | None, expected: bool
+) -> None:
+    assert answers(served, host, origin) == expected
+
+
+@needs_viser
+def test_a_page_survives_what_strangers_send() -> None:
+    """Other sites are refused; malformed and huge messages, and twenty clients, leave it as it was."""
+    from websockets.exceptions import ConnectionClosed, InvalidStatus
+    from websockets.sync.client import connect
+    from websockets.typing import Origin, Subprotocol
+
+    with page({"room": mujoco.MjModel.from_xml_string(ROOM)}, port=0) as shown:
+        url = f"ws://127.0.0.1:{shown.port}"
+        offered = [Subprotocol(f"viser-v{importlib.metadata.version('viser')}")]
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(url, origin=Origin("http://evil.example"), subprotocols=offered)
+        for content in (b"", b"\xc1", b"\x81\xa4type\xa4none", bytes(2**23), "text", "[" * 5000):
+            with connect(url, subprotocols=offered, max_size=None) as client, suppress(ConnectionClosed):
+                client.send(content)
+                client.recv(timeout=5)
+        with ExitStack() as stack:
+            clients = [stack.enter_context(connect(url, subprotocols=offered, max_size=None)) for _ in range(20)]
+            for client in clients:
+                assert client.recv(timeout=20)
+            assert len(shown.server.get_clients()) <= 20
+        shown.controls.do("step")
+        shown.stage.draw(shown.simulation.data)
+        assert shown.simulation.data.time == pytest.approx(0.002)
 
 
 @pytest.fixture

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import re
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +14,7 @@ from builders.leaves import leaves
 from builders.scenes import FLOOR, compiled, lump
 from builders.shapes import mixed
 
+from mjframes.base import archive
 from mjframes.base.errors import MjframesError
 from mjframes.base.packing import lower_triangle
 from mjframes.body.soft_body import SoftBody
@@ -141,3 +145,64 @@ def test_a_failed_save_leaves_the_old_file(saved: Path, monkeypatch: pytest.Monk
 
 def test_the_lower_triangle_goes_row_by_row() -> None:
     np.testing.assert_array_equal(lower_triangle(np.array([[1, 2, 4], [2, 3, 5], [4, 5, 6]])), [1, 2, 3, 4, 5, 6])
+
+
+def altered(array: np.ndarray) -> dict[str, np.ndarray]:
+    """What a damaged or forged file may have in an array's place, by how."""
+    wrong = {
+        "a scalar": np.array(1),
+        "another shape": np.zeros((2, 3)),
+        "one less": array.ravel()[:-1],
+        "text": np.array("x"),
+        "complex": array.astype(complex) if array.dtype.kind in "iuf" else np.zeros(2, complex),
+        "records": np.zeros(2, [("a", "i4")]),
+    }
+    if array.dtype.kind in "iu" and array.size:
+        wrong |= {name: np.full_like(array, value, np.int64) for name, value in (("huge", 2**62), ("low", -(2**62)))}
+    if array.dtype.kind == "f" and array.size:
+        wrong["nan"] = np.full_like(array, np.nan)
+        wrong["floats"] = array.astype(np.float64)[..., None]
+    return wrong
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered")
+def test_each_array_is_refused_in_one_sentence_or_does_no_harm(saved: Path) -> None:
+    """Damaged in any way: a body that is loaded can be attached, and steps."""
+    with np.load(saved) as file:
+        arrays = {name: file[name] for name in file.files}
+    taken, said = [], []
+    for name, array in arrays.items():
+        for how, value in altered(array).items():
+            np.savez(saved, allow_pickle=False, **(arrays | {name: value}))
+            try:
+                body = SoftBody.load(saved)
+            except MjframesError as error:
+                said.append(str(error))
+                continue
+            taken.append((name, how))
+            compiled(FLOOR, (body, (0, 0, 1), (1, 0, 0, 0)))
+    assert not [sentence for sentence in said if not re.fullmatch(r"\S+lump\.npz: [^\n]+[^.]\.", sentence)]
+    assert len(taken) < len(said) / 5, taken
+
+
+def test_objects_are_not_read(saved: Path) -> None:
+    with np.load(saved) as file:
+        arrays = {name: file[name] for name in file.files}
+    np.savez(saved, **(arrays | {"parent": np.array([print], object)}))
+    with pytest.raises(MjframesError, match=r"lump\.npz: .* holds Python objects"):
+        SoftBody.load(saved)
+
+
+@pytest.mark.parametrize("bomb", ["header", "zeros"])
+def test_no_memory_is_taken_for_what_a_file_does_not_hold(
+    saved: Path, monkeypatch: pytest.MonkeyPatch, bomb: str
+) -> None:
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (2**40,)})
+    content = header.getvalue() + (b"" if bomb == "header" else bytes(2**21))
+    if bomb == "zeros":
+        monkeypatch.setattr(archive, "LARGEST", 2**20)
+    with zipfile.ZipFile(saved, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("kind.npy", content)
+    with pytest.raises(MjframesError, match=r"asks for 8796093022208 bytes|are the most that is read"):
+        SoftBody.load(saved)

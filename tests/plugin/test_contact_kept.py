@@ -8,7 +8,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
-from builders.scenes import beam, compiled, dense_constraints
+from builders.scenes import FLOOR, beam, compiled, dense_constraints
 
 # A beam on a bed of balls, more of them than a patch keeps touches with, and on two things with other features.
 BALLS = "".join(f'<geom size=".006" pos="{0.02 + 0.006 * i:.3f} .02 .004"/>' for i in range(22))
@@ -103,3 +103,32 @@ def test_a_distance_sensor_may_name_the_two_geoms_in_either_order() -> None:
             order = (second, first) if turned else (first, second)
             mujoco.mj_geomDistance(model, data, *order, 0.05, np.zeros(6))
         np.testing.assert_array_equal(rows(model, data), wanted)
+
+
+@pytest.mark.parametrize("shift", [1e-6, 1e-3])
+def test_a_contact_that_something_moved_acts_on_the_material_there(shift: float) -> None:
+    """And not on the rigid body that MuJoCo takes the patch for; the other contacts of the pair keep their rows."""
+    model, data = compiled(FLOOR, (beam(beta=0.001), (0, 0, 0), (1.0, 0, 0, 0)))
+    for _ in range(60):
+        mujoco.mj_step(model, data)
+    mujoco.mj_fwdPosition(model, data)
+    wanted = dense_rows(model, data)
+    first, second = data.contact[0], data.contact[1]
+    assert first.geom.tolist() == second.geom.tolist()
+    moved = np.arange(first.efc_address, second.efc_address)
+    other = copied(model, data)
+    for each in (data, other):
+        each.contact[0].pos[0] += shift
+        mujoco.mj_makeConstraint(model, each)
+    rigid = dense_constraints(model, data)
+    found = dense_rows(model, data)
+    scale = np.abs(wanted[moved]).max()
+    assert np.abs(wanted - rigid)[moved].max() > 0.3 * scale
+    assert np.abs(found - wanted)[moved].max() < 0.1 * scale
+    np.testing.assert_array_equal(np.delete(found, moved, 0), np.delete(wanted, moved, 0))
+    np.testing.assert_array_equal(dense_rows(model, other), found)
+
+
+def dense_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """efc_J (nefc, nv) after the velocity stage."""
+    return rows(model, data)[:, : model.nv]

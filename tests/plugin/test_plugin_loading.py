@@ -121,6 +121,17 @@ def test_callers_at_the_same_time_compile_once(sources: Path, monkeypatch: pytes
     assert not [path for path in cache_directory().iterdir() if path.is_dir()]
 
 
+def test_what_a_killed_compilation_left_goes_with_the_next_one(sources: Path) -> None:
+    old, recent, other = (cache_directory() / name for name in ("compiling-old", "compiling-new", "mine"))
+    for folder in (old, recent, other):
+        folder.mkdir(parents=True)
+        (folder / "register.o").touch()
+    for folder in (old, other):
+        os.utime(folder, (0, 0))
+    plugin.library_path()
+    assert sorted(path for path in cache_directory().iterdir() if path.is_dir()) == [recent, other]
+
+
 def test_cmake_names_the_library_as_python_does(tmp_path: Path) -> None:
     cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     if cmake is None:

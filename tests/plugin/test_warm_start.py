@@ -16,6 +16,12 @@ ROBOT = """<mujoco><option jacobian="{}" solver="{}"/><worldbody><geom type="pla
 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/></body>
 <body pos="1 1 .04"><freejoint/><geom type="box" size=".05 .05 .05"/></body></worldbody>
 <actuator><motor joint="swing" ctrlrange="-1 1"/></actuator></mujoco>"""
+WRIST = """<mujoco><option><flag island="{}"/></option><worldbody><geom type="plane" size="2 2 .1"/>
+<body name="arm" pos="0 0 .3"><joint name="swing" axis="0 1 0" range="-1 .1" limited="true" frictionloss=".01"/>
+<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/>
+<body pos=".32 0 0"><joint name="wrist" type="ball"/><geom type="box" size=".03 .02 .01"/></body></body></worldbody>
+<actuator><orientation joint="wrist" kp=".05" kv=".001" input="{}"/>
+<general joint="swing" dyntype="filter" dynprm=".1"/></actuator></mujoco>"""
 
 
 # y, z of beams along x [m]
@@ -78,3 +84,44 @@ def test_elliptic_cones_are_left_to_mujoco() -> None:
         np.testing.assert_array_equal(data.qacc_warmstart, before)
         mujoco.mj_step(model, data)
     assert iterations > 0
+
+
+@pytest.mark.parametrize("chart", ["expmap", "quat"])
+def test_actuators_of_several_controls_push_what_it_starts_from(chart: str) -> None:
+    """There are more controls than actuators."""
+    model, data = wrist("enable", chart)
+    assert model.nu > model.nactuator
+    iterated = 0
+    for _ in range(120):
+        mujoco.mj_step(model, data)
+        iterated += bool(data.solver_niter.any())
+    assert data.nefc > 8
+    assert iterated <= 6  # without it, in all of them
+
+
+def wrist(islands: str, chart: str = "expmap") -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A beam on a floor and an arm at the limit of its joint, whose wrist turns."""
+    spec = mujoco.MjSpec.from_string(WRIST.format(islands, chart))
+    mf.attach(spec, beam(), "beam", pos=(1, -1, 0.02))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[:3], data.ctrl[-1] = 0.3, -0.5
+    return model, data
+
+
+@pytest.mark.parametrize("islands", ["enable", "disable"])
+def test_what_no_solver_follows_leaves_no_start_and_no_actuation(islands: str) -> None:
+    model, data = wrist(islands)
+    for _ in range(80):
+        mujoco.mj_step(model, data)
+    assert data.nefc > 8
+    kept = {name: np.full_like(getattr(data, name), 0.25) for name in ("act_dot", "actuator_force", "qfrc_actuator")}
+    kept["qacc_warmstart"] = data.qacc_warmstart + 0.5
+    for stage in (mujoco.mj_inverse, mujoco.mj_fwdVelocity):
+        for name, value in kept.items():
+            getattr(data, name)[:] = value
+        stage(model, data)
+        for name, value in kept.items():
+            if name == "qacc_warmstart" and stage is mujoco.mj_fwdVelocity:
+                continue  # where the solver of mj_fwdConstraint starts
+            np.testing.assert_array_equal(getattr(data, name), value, err_msg=f"{stage.__name__}, {name}")

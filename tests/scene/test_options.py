@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 import pytest
 from builders.scenes import FLOOR, beam, compiled, lump
 
@@ -28,3 +29,16 @@ def test_bodies_that_touch_nothing_need_no_points(warnings: list[str]) -> None:
     model.opt.sdf_initpoints = 0
     mujoco.mj_step(model, data)
     assert not warnings
+
+
+@pytest.mark.parametrize("name", ["friction", "margin", "solref", "solimp"])
+def test_numbers_of_contacts_that_are_none_are_refused(name: str, warnings: list[str]) -> None:
+    model, _ = compiled(FLOOR, (beam(), (0, 0, 0.01), (1.0, 0, 0, 0)))
+    values = getattr(model, f"geom_{name}")
+    values[0] = np.nan
+    with pytest.raises(mujoco.FatalError):
+        mujoco.MjData(model)
+    (said,) = warnings
+    assert f"geom 0 'floor', which it may touch, has a {name} that is no finite number" in said
+    values[0], model.geom_contype[0], model.geom_conaffinity[0] = np.nan, 0, 0
+    mujoco.MjData(model)  # it touches nothing

@@ -5,6 +5,8 @@ Topics: /state, /energy and /soft/<name> for each soft body, /contacts, /sensors
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
@@ -118,6 +120,26 @@ def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
         )
         for k, (energy, contacts) in enumerate(rows)
     )
+
+
+def require_message(topic: str, message: Any) -> None:
+    """Raise ValueError where a message of a log has not the numbers that its topic has in FIELDS, or no time."""
+    name = topic.split("/")[1]
+    if not isinstance(message, dict) or not _is_number(message.get("time")) or not math.isfinite(message["time"]):
+        raise ValueError(f"a message of {topic} has no time")
+    for key, field in FIELDS.get(name, {}).items():
+        value = message.get(key)
+        if field is NUMBERS and not (isinstance(value, list) and all(map(_is_number, value))):
+            raise ValueError(f"a message of {topic} has no list of numbers {key!r}")
+        if field is not NUMBERS and not _is_number(value):
+            raise ValueError(f"a message of {topic} has no number {key!r}")
+
+
+def _is_number(value: Any) -> bool:
+    """Whether JSON gave a number that a float64 holds; it may be infinite or none, as in a run that diverged."""
+    if isinstance(value, float):
+        return True
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def json_schema(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import lzma
 import math
 import os
 import struct
+import sys
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,11 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from mjframes.app.log.numbers import instants
+from mjframes.app.log.numbers import instants, require_message
 from mjframes.app.log.worlds import WORLD, world_of
 from mjframes.app.log.write import METADATA, attached
 from mjframes.app.recording import Recording, State
+from mjframes.base.archive import DAMAGED
 from mjframes.base.errors import MjframesError
+
+FACTS = ("timestep", "steps", "seconds", "weight")  # that are numbers
+SHOWN = 20  # letters of one that is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +69,14 @@ class Logged:
             steps=int(self.about.get("steps", round(measured[-1].time / timestep) + 1)),
             seconds=float(self.about.get("seconds", math.nan)),
             timestep=timestep,
-            weight=float(self.about["weight"]),
+            weight=self._weight(),
         )
+
+    def _weight(self) -> float:
+        """Return the weight of all that moves [N]."""
+        if "weight" not in self.about:
+            raise MjframesError(f"{self.path}: the log does not say the weight of all that moves; it is damaged.")
+        return float(self.about["weight"])
 
     def end(self) -> float:
         """Return the last time that a message tells of [s].  Raise MjframesError where there are none."""
@@ -105,26 +116,56 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
                         if own is None or own[0] == world:
                             topics[record.id] = own[1] if own else record.topic
                     elif isinstance(record, Message) and record.channel_id in topics:
-                        messages[topics[record.channel_id]].append(json.loads(record.data))
+                        topic = topics[record.channel_id]
+                        messages[topic].append(_message(path, topic, record.data))
                     elif isinstance(record, Attachment):
                         name, content = attached(record.name, record.data)
                         files[name] = content
                     elif isinstance(record, Metadata) and _concerns(record.name, record.metadata, world):
                         about |= record.metadata
                 whole = True
-            except (McapError, ValueError, struct.error, ZstdError, lzma.LZMAError) as error:
+            except MjframesError:
+                raise
+            except (*DAMAGED, MemoryError, McapError, struct.error, ZstdError, lzma.LZMAError) as error:
                 if stream.read(1):  # else the file ends within a record: it was cut off
+                    reason = " ".join(str(error).split()) or type(error).__name__
                     raise MjframesError(
-                        f"{path}: not a log that mjframes wrote, or a damaged one ({error})."
+                        f"{path}: not a log that mjframes wrote, or a damaged one ({reason})."
                     ) from error
     except OSError as error:
         raise MjframesError(f"{path}: the log cannot be read ({error.strerror}).") from error
     if "timestep" not in about:
         raise MjframesError(f"{path}: not a log that mjframes wrote (it does not say of what).")
+    _require_facts(path, about)
     if world is not None and world not in worlds:
         known = f"those of {min(worlds)} to {max(worlds)}" if worlds else "none, it is of one run"
         raise MjframesError(f"{path}: world is {world}, but the log has {known}.")
     return Logged(os.fspath(path), dict(messages), files, about, whole, tuple(sorted(worlds)) if world is None else ())
+
+
+def _message(path: str | os.PathLike[str], topic: str, content: bytes) -> dict[str, Any]:
+    """Return a message of numbers. Raise MjframesError for what is none."""
+    try:
+        message = json.loads(content)
+        require_message(topic, message)
+    except (ValueError, RecursionError) as error:
+        raise MjframesError(f"{path}: the log is damaged ({error}).") from error
+    return message
+
+
+def _require_facts(path: str | os.PathLike[str], about: Mapping[str, str]) -> None:
+    """Raise MjframesError where a number of a log's facts is none."""
+    for key in FACTS:
+        text = about.get(key, "1")
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        least = 0.0 if key in ("seconds", "weight") else sys.float_info.min
+        if not (math.isfinite(number) and number >= least and (key != "steps" or text.isdecimal())):
+            raise MjframesError(
+                f"{path}: the log says {key} = {text[:SHOWN]!r}, which is no such number; it is damaged."
+            )
 
 
 def _state(message: Mapping[str, Any]) -> State:

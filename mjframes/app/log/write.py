@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 METADATA = "mjframes"  # name of the records of what the run was
 FLUSH = 5.0  # [s] of wall time: so much of a run that is killed may be missing
 CHUNK = 1 << 22  # [bytes] of messages, at most: the triangles, the same in all of them, are packed once in each
+LARGEST_FILE = 2**30  # [bytes] of an attachment: scenes have a hundredth
 PACKED = ".xz"  # ending of attachments
 
 
@@ -152,5 +153,12 @@ def attach(writer: Writer, files: Mapping[str, bytes]) -> None:
 
 
 def attached(name: str, content: bytes) -> tuple[str, bytes]:
-    """Return name and content of a file that `attach` made an attachment of.  Raise lzma.LZMAError for others."""
-    return name.removesuffix(PACKED), lzma.decompress(content)
+    """Return name and content of a file that `attach` made an attachment of.
+
+    Raise lzma.LZMAError for others, and for one that would become too large.
+    """
+    decompressor = lzma.LZMADecompressor()
+    unpacked = decompressor.decompress(content, LARGEST_FILE + 1)
+    if len(unpacked) > LARGEST_FILE or not decompressor.eof:
+        raise lzma.LZMAError(f"{name!r} is cut off, or takes more than {LARGEST_FILE >> 20} MiB")
+    return name.removesuffix(PACKED), unpacked

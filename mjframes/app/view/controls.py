@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import mujoco
 import numpy as np
 from viser import GuiSliderHandle, GuiUplotHandle, ViserServer
 
@@ -168,7 +169,7 @@ class Controls:
             for k in ranged:
                 low, high = model.actuator_ctrlrange[k].tolist()
                 value = float(np.clip(data.ctrl[k], low, high))
-                label = model.actuator(k).name or f"actuator {k}"
+                label = _control_name(model, k)
                 sliders[k] = self._server.gui.add_slider(label, low, high, (high - low) / 200, value)
                 self._on(sliders[k], lambda value, k=k: data.ctrl.__setitem__(k, value))
         return sliders
@@ -183,6 +184,14 @@ class Controls:
             legend={"live": False},
             height=HEIGHT,
         )
+
+
+def _control_name(model: mujoco.MjModel, control: int) -> str:
+    """Return what moves by a control: its actuator, numbered where that has several."""
+    place = control - model.actuator_ctrladr  # of each actuator
+    actuator = int(np.flatnonzero((place >= 0) & (place < model.actuator_ctrlnum))[0])
+    name = model.actuator(actuator).name or f"actuator {actuator}"
+    return name if model.actuator_ctrlnum[actuator] == 1 else f"{name} {place[actuator]}"
 
 
 def _status(simulation: Simulation, factor: float) -> str:

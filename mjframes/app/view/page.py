@@ -17,6 +17,7 @@ import numpy as np
 
 from mjframes.app.view.cameras import aim
 from mjframes.app.view.grip import Grip, grip_body, grip_skin
+from mjframes.app.view.guard import guarded
 from mjframes.app.view.simulation import Simulation
 from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings
@@ -155,7 +156,8 @@ def page(scenes: Mapping[str, mujoco.MjModel], host: str = HOST, port: int = POR
         ) from error
     with mujoco_warnings() as warnings:
         simulations = {name: Simulation(model, warnings) for name, model in scenes.items()}
-        with redirect_stdout(io.StringIO()):  # viser says where it is, and that it ends, whatever it is asked
+        # viser says where it is, and that it ends, whatever it is asked
+        with redirect_stdout(io.StringIO()), guarded(host):
             server = ViserServer(host, port, verbose=False)
         try:
             yield Page(server, simulations)
