@@ -77,7 +77,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         help="in that body (default 1,0,0,0)",
     )
     wanted = command.add_mutually_exclusive_group()
-    wanted.add_argument("--frames", type=_count, metavar="N", help="number of frames (default 3)")
+    wanted.add_argument(
+        "--frames",
+        type=_count,
+        metavar="N",
+        help="number of frames (default: the fewest of up to 20 that keep an error of 15 %%)",
+    )
     wanted.add_argument(
         "--error", type=_share, metavar="E", help="as many frames as it takes for this error, 0.05 for 5 %%"
     )

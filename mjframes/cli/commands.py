@@ -177,20 +177,21 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
         )
     if arguments.largest:
         volume = largest_piece(volume)
-    return build_body(
-        volume,
-        frames=arguments.frames or (None if arguments.error else 3),
-        error=arguments.error,
-        seed=arguments.seed,
-        frame_type=arguments.frame_type,
-        weights=_weights(arguments),
-        method=_method(arguments),
-        law=arguments.law,
-        mass=arguments.mass,
-        mode=arguments.mode,
-        damping=arguments.damping,
-        progress=progress,
-    )
+    with printed_notices():
+        return build_body(
+            volume,
+            frames=arguments.frames,
+            error=arguments.error,
+            seed=arguments.seed,
+            frame_type=arguments.frame_type,
+            weights=_weights(arguments),
+            method=_method(arguments),
+            law=arguments.law,
+            mass=arguments.mass,
+            mode=arguments.mode,
+            damping=arguments.damping,
+            progress=progress,
+        )
 
 
 def _method(arguments: argparse.Namespace) -> str | Paper:
@@ -409,9 +410,12 @@ def printed_notices() -> Iterator[None]:
         try:
             yield
         finally:
-            notices = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
-    for notice in notices:
-        print(f"mjframes: {notice}", file=sys.stderr)
+            given = list(caught)
+    for warning in given:
+        if issubclass(warning.category, Notice):
+            print(f"mjframes: {warning.message}", file=sys.stderr)
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
 
 
 COMMANDS = {
