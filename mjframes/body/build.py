@@ -19,7 +19,8 @@ from scipy import sparse
 from mjframes.base.cache import cached
 from mjframes.base.choices import COROTATIONAL, EVEN, WHOLE_BODY
 from mjframes.base.errors import MjframesError, Notice, telling_memory
-from mjframes.body.fewest import default_counts, fewest_frames, sufficiency, sufficient_frames
+from mjframes.body.cost import announce
+from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, place
 from mjframes.body.options import Options, Paper, checked
@@ -92,8 +93,8 @@ def build(
     stiffest vibration.
     damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
     progress: called with the name of each stage, and as "stage: 25%" within long ones.
-    Raise MjframesError for a volume in several pieces and for values out of range. Warn (TurnWarning) of free bodies
-    of point frames.
+    Raise MjframesError for a volume in several pieces, for values out of range and where memory will not do. Warn
+    (TurnWarning) of free bodies of point frames, and (Notice) of builds of more than a minute.
     """
     if isinstance(volume, (str, os.PathLike)):
         volume = Volume.load(volume)
@@ -103,6 +104,9 @@ def build(
     )  # fmt: skip
     require_connected(volume)
 
+    if options.paper is None:
+        count = (options.frames or MOST) + len(options.supports)
+        announce(int(np.count_nonzero(volume.labels)), count, volume.spacing)
     progress("listing the voxels")
     if options.paper is None:
         volume = firm_as_rigid(volume)

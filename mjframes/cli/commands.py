@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TextIO
 
 from mjframes.base.errors import MjframesError, Notice, out_of_memory
 from mjframes.cli.arguments import command_line
@@ -404,18 +404,26 @@ def largest_piece(volume: Volume) -> Volume:
 
 @contextmanager
 def printed_notices() -> Iterator[None]:
-    """Print the notices given in this block, a line each, and leave other warnings alone."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print the notices given in this block, a line each, as they come, and leave other warnings alone."""
+    with warnings.catch_warnings():
         warnings.simplefilter("always", Notice)
-        try:
-            yield
-        finally:
-            given = list(caught)
-    for warning in given:
-        if issubclass(warning.category, Notice):
-            print(f"mjframes: {warning.message}", file=sys.stderr)
-        else:
-            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+        shown = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, Notice):
+                print(f"mjframes: {message}", file=sys.stderr)
+            else:
+                shown(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show
+        yield
 
 
 COMMANDS = {
