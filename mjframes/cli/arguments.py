@@ -23,6 +23,7 @@ from mjframes.base.choices import (
 )
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
+from mjframes.volume.meshes import MESH_TYPES
 
 BUILDING = (  # what says how a body is built, and so nothing to one that is
     "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
@@ -48,8 +49,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "volume",
         nargs="+",
         metavar="FILE",
-        help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd; 0 is outside) "
-        "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order; "
+        help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd .mgz; 0 is outside) "
+        f"or closed surfaces ({' '.join(MESH_TYPES)}; later ones win), labelled 1, 2, … in their order; "
         "or a soft body (.npz) that is built already",
     )
     command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
@@ -59,6 +60,11 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     )
     places.add_argument(
         "--fragment", action="store_true", help="the body alone, for MJCF's <attach>: no floor, light or camera"
+    )
+    command.add_argument(
+        "--pieces",
+        action="store_true",
+        help="a body of each object or unconnected surface of a mesh: files parts-NAME.xml, or all --into a scene",
     )
     command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
     command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
@@ -144,6 +150,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--seed", type=_seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
     command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    command.set_defaults(piece=None)
     command.set_defaults(building={name: command.get_default(name) for name in BUILDING})
 
     command = commands.add_parser("inspect", help="draw what build computed: stiffness, distance, weights, regions")

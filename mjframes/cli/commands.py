@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -79,7 +80,29 @@ def _discard_stdout() -> None:
 
 
 def build(arguments: argparse.Namespace) -> int:
-    """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml)."""
+    """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml), or one for each piece."""
+    if not arguments.pieces:
+        return _build(arguments)
+    from mjframes.volume.pieces import load_pieces
+
+    if len(arguments.volume) > 1:
+        raise MjframesError(f"{arguments.volume[1]}: --pieces takes one mesh apart; give one file.")
+    output = Path(arguments.output)
+    for number, name in enumerate(load_pieces(arguments.volume[0])):
+        called = re.sub(r"\W+", "_", name)
+        some = argparse.Namespace(**vars(arguments))
+        some.piece, some.pieces = name, False
+        some.name = called if arguments.name == "soft" and not called.isdecimal() else f"{arguments.name}_{called}"
+        if not arguments.into:
+            some.output = str(output.with_stem(f"{output.stem}-{called}"))
+        elif number:
+            some.into = arguments.output
+        _build(some)
+    return 0
+
+
+def _build(arguments: argparse.Namespace) -> int:
+    """Build and write one body."""
     output = Path(arguments.output)
     if output.suffix.lower() not in (".npz", ".xml"):
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
@@ -174,6 +197,7 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
             scale=METRES[arguments.unit] if arguments.unit else arguments.scale,
             drop_unknown=arguments.drop_unknown,
             up=arguments.up,
+            piece=arguments.piece,
         )
     if arguments.largest:
         volume = largest_piece(volume)

@@ -17,7 +17,8 @@ import yaml
 
 from mjframes.base.errors import MjframesError, Notice
 from mjframes.volume.material import Material
-from mjframes.volume.meshes import MESH_TYPES
+from mjframes.volume.meshes import MESH_TYPES, MeshLike
+from mjframes.volume.pieces import chosen_piece
 from mjframes.volume.volume import VOXELS, Volume, occurring
 
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -59,11 +60,13 @@ def read_volume(
     scale: float | None,
     drop_unknown: bool = False,
     up: str = "z",
+    piece: str | None = None,
 ) -> Volume:
     """Return the volume in one label image, or in one or more meshes, each with the material of its place.
 
     spacing: (3,) [m].  voxels: about how many to have inside.  scale: [m] that a unit of the meshes is long.
     drop_unknown: an image's labels without a material are outside.  up: axis of the file that points up.
+    piece: name of the piece of the one mesh, None for all of it.
     Warn (Notice) of what is chosen where nothing is given.
     Raise MjframesError for what cannot be read or does not go together.
     """
@@ -84,7 +87,10 @@ def read_volume(
         raise MjframesError(
             f"material {unused[0]} has no mesh; there are {len(files)}, numbered from 1 in their order."
         )
-    pairs = [(file, materials.by_label[label]) for file, label in zip(files, labels, strict=True)]
+    pairs: list[tuple[MeshLike, Material]] = [
+        (file if piece is None else chosen_piece(file, piece), materials.by_label[label])
+        for file, label in zip(files, labels, strict=True)
+    ]
     if spacing is None and voxels is None:
         warnings.warn(
             f"about {VOXELS} voxels are made; choose with --spacing METRES or --voxels N.", Notice, stacklevel=2
