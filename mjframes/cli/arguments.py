@@ -105,7 +105,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         default=[],
         metavar="LABEL=NAME:KEY=VALUE,…",
         help="one for each label, unless the image carries them: "
-        "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]",
+        "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]; "
+        "1=silicone-00-30 of mjframes materials; default=… for all other labels",
     )
     command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
     command.add_argument(
@@ -152,6 +153,10 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
     command.set_defaults(piece=None)
     command.set_defaults(building={name: command.get_default(name) for name in BUILDING})
+
+    command = commands.add_parser("materials", help="list the library of materials, or write a template for an image")
+    command.set_defaults(command=functions["materials"])
+    command.add_argument("scan", nargs="?", metavar="SCAN", help="label image whose labels a YAML template names")
 
     command = commands.add_parser("inspect", help="draw what build computed: stiffness, distance, weights, regions")
     command.set_defaults(command=functions["inspect"])

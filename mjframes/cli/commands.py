@@ -1,5 +1,5 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`, `check`,
-`doctor`.
+"""The command line: `mjframes build`, `materials`, `inspect`, `run`, `replay`, `collect`, `view`, `bench`, `report`,
+`check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -117,7 +117,7 @@ def _build(arguments: argparse.Namespace) -> int:
 
     from mjframes.base.files import replacing
     from mjframes.body.soft_body import is_soft_body
-    from mjframes.scene.scene_file import fragment, scene_with, standalone_scene, write_scene
+    from mjframes.scene.scene_file import bounds, fragment, scene_with, standalone_scene, write_scene
     from mjframes.scene.solver import advice
 
     start = time.perf_counter()
@@ -154,6 +154,9 @@ def _build(arguments: argparse.Namespace) -> int:
         f"{output}: {len(body.parent)} frames, {len(body.stiffness.points)} regions, {body.voxels} voxels, "
         f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
     )
+    lower, upper = bounds(body.fields.volume)
+    size = " × ".join(f"{length * 1e3:.4g}" for length in upper - lower)
+    print(f"size: {size} mm, mass: {body.control.mass.sum():.3g} kg")
     if body.error:
         print(f"error: {body.error}")
     if arguments.into and (faster := advice(model)):
@@ -181,12 +184,22 @@ def _loaded(arguments: argparse.Namespace) -> SoftBody:
 def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> SoftBody:
     """The soft body made of the volume or the meshes that are given."""
     from mjframes.body.build import build as build_body
-    from mjframes.cli.inputs import METRES, Materials, parse_fill, parse_materials, read_materials, read_volume
+    from mjframes.cli.inputs import (
+        METRES,
+        Materials,
+        parse_default,
+        parse_fill,
+        parse_materials,
+        read_materials,
+        read_volume,
+    )
 
     materials = read_materials(arguments.materials) if arguments.materials else Materials()
+    own, default = parse_default(arguments.material)
     materials = Materials(
-        materials.by_label | parse_materials(arguments.material),
+        materials.by_label | parse_materials(own),
         parse_fill(arguments.fill) if arguments.fill else materials.fill,
+        default or materials.default,
     )
     with printed_notices():
         volume = read_volume(
@@ -242,6 +255,21 @@ def _weights(arguments: argparse.Namespace) -> str | Weights:
     if arguments.weights != "voronoi":
         raise MjframesError("--subdivisions is given, but only --weights voronoi has any; leave it out.")
     return Voronoi(arguments.subdivisions)
+
+
+def materials(arguments: argparse.Namespace) -> int:
+    """Print the library as a table, or a YAML template of the labels of an image."""
+    from mjframes.cli.inputs import template
+    from mjframes.volume.library import LIBRARY
+
+    if arguments.scan:
+        print(template(arguments.scan))
+        return 0
+    print(f"{'name':16}{'young [Pa]':>12}{'poisson':>9}{'density [kg/m³]':>17}  source")
+    for name, known in LIBRARY.items():
+        young = "rigid" if known.young is None else f"{known.young:.3g}"
+        print(f"{name:16}{young:>12}{known.poisson:>9g}{known.density:>17g}  {known.source}")
+    return 0
 
 
 def inspect(arguments: argparse.Namespace) -> int:
@@ -452,6 +480,7 @@ def printed_notices() -> Iterator[None]:
 
 COMMANDS = {
     "build": build,
+    "materials": materials,
     "inspect": inspect,
     "run": run,
     "replay": replay,
