@@ -10,6 +10,7 @@ import nrrd
 import numpy as np
 import pytest
 import yaml
+from nibabel.nifti1 import Nifti1Extension
 
 import mjframes as mf
 from mjframes.cli.commands import main
@@ -63,7 +64,7 @@ def test_names_of_3d_slicer(scan: Path) -> None:
 
 def test_names_of_totalsegmentator(tmp_path: Path, labels: np.ndarray) -> None:
     image = nibabel.Nifti1Image(labels, np.eye(4))
-    image.header.extensions.append(nibabel.nifti1.Nifti1Extension(0, TOTAL))
+    image.header.extensions.append(Nifti1Extension(0, TOTAL))
     nibabel.save(image, tmp_path / "a.nii.gz")
     assert label_names(tmp_path / "a.nii.gz") == {1: "liver", 5: "spleen"}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import meshio
 import mujoco
@@ -32,7 +33,7 @@ def parts(tmp_path: Path) -> Path:
     return path
 
 
-def scene() -> trimesh.Scene:
+def scene() -> Any:
     made = trimesh.Scene()
     for name, x in (("left", 0.0), ("right", 9.0)):
         made.add_geometry(box(2, x), geom_name=name, node_name=name)
@@ -93,7 +94,7 @@ def test_solid_elements_are_read_by_their_outer_faces(tmp_path: Path, kind: str)
 
 
 def test_freesurfers_images_are_read(tmp_path: Path) -> None:
-    labels = np.zeros((4, 3, 2), np.uint8)
+    labels: Any = np.zeros((4, 3, 2), np.uint8)
     labels[1:, :, :] = 7
     affine = np.diag([1.0, 1.0, 2.0, 1.0])
     nibabel.save(nibabel.MGHImage(labels, affine), tmp_path / "seg.mgz")
