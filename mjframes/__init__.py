@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from mjframes.volume.images import ImageWarning
     from mjframes.volume.material import Material
     from mjframes.volume.meshes import MeshWarning
+    from mjframes.volume.pieces import load_pieces
     from mjframes.volume.volume import Volume
     from mjframes.weights.weights import Harmonic, Linear, Voronoi
     from mjframes.whole_body.contrast import RigidWarning
@@ -80,6 +81,7 @@ __all__ = [
     "choose_solver",
     "collect",
     "film",
+    "load_pieces",
     "load_scene",
     "look_from",
     "mass_matrix",
@@ -116,6 +118,7 @@ _HOMES = {
     "volume.images": ("ImageWarning",),
     "volume.material": ("Material",),
     "volume.meshes": ("MeshWarning",),
+    "volume.pieces": ("load_pieces",),
     "volume.volume": ("Volume",),
     "weights.weights": ("Harmonic", "Linear", "Voronoi"),
     "whole_body.contrast": ("RigidWarning",),

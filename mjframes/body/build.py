@@ -18,11 +18,12 @@ from scipy import sparse
 
 from mjframes.base.cache import cached
 from mjframes.base.choices import COROTATIONAL, EVEN, WHOLE_BODY
-from mjframes.base.errors import MjframesError, telling_memory
-from mjframes.body.fewest import fewest_frames
+from mjframes.base.errors import MjframesError, Notice, telling_memory
+from mjframes.body.cost import announce
+from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, place
-from mjframes.body.options import Paper, checked
+from mjframes.body.options import Options, Paper, checked
 from mjframes.body.soft_body import ContactSpheres, Skin, SoftBody
 from mjframes.elasticity.laws import LawParameters
 from mjframes.elasticity.mass import mass_difference
@@ -74,7 +75,8 @@ def build(
     """Build a soft body from a volume, or from the file of one that has materials.
 
     frames: how many; or error: as many as it takes for `BodyError.largest` to be that small [-]; or at: (f, 3) where,
-    in volume coordinates [m].
+    in volume coordinates [m]. Without any of them, as many as `frame_type` has, or 3 by the paper's method, or the
+    fewest of up to 20 that keep an error of 15 %, or come nearest to it, which a Notice tells.
     supports: pieces that stand still in the body that the soft body is attached to (`Fixed`), or move with a named one
     (`Attached`); each is a frame of its own, beside those asked for.
     frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or "point" (3, translations only, for
@@ -91,8 +93,8 @@ def build(
     stiffest vibration.
     damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
     progress: called with the name of each stage, and as "stage: 25%" within long ones.
-    Raise MjframesError for a volume in several pieces and for values out of range. Warn (TurnWarning) of free bodies
-    of point frames.
+    Raise MjframesError for a volume in several pieces, for values out of range and where memory will not do. Warn
+    (TurnWarning) of free bodies of point frames, and (Notice) of builds of more than a minute.
     """
     if isinstance(volume, (str, os.PathLike)):
         volume = Volume.load(volume)
@@ -102,6 +104,9 @@ def build(
     )  # fmt: skip
     require_connected(volume)
 
+    if options.paper is None:
+        count = (options.frames or MOST) + len(options.supports)
+        announce(int(np.count_nonzero(volume.labels)), count, volume.spacing)
     progress("listing the voxels")
     if options.paper is None:
         volume = firm_as_rigid(volume)
@@ -118,9 +123,9 @@ def build(
 
     if options.paper is None:
         most = _most_frames(frame_type, len(grid.index)) - len(cores)
-        chosen, elastic = _whole_body(grid, cores, links, laws, frames, error, most, placed, progress)
+        chosen, elastic = _whole_body(grid, cores, links, laws, options, most, placed, progress)
     else:
-        chosen = placed(frames)
+        chosen = placed(options.frames)
         elastic = _sums(grid, chosen, laws, progress)
     if not cores:
         elastic = _held(elastic, chosen.types)
@@ -187,8 +192,7 @@ def _whole_body(
     cores: Sequence[NDArray[np.integer]],
     links: Sequence[str],
     laws: Sequence[LawParameters],
-    frames: int | None,
-    error: float | None,
+    options: Options,
     most: int,
     placed: Callable[[int | None], Frames],
     progress: Progress,
@@ -200,10 +204,14 @@ def _whole_body(
     def condense(some: Frames) -> Condensed:
         return whole_body(hookes, finite, some.shapes, some.types, links, laws, progress)
 
-    if error is not None:
-        chosen, made = fewest_frames(error, grid, finite, most, placed, condense)
+    if options.error is not None:
+        chosen, made = fewest_frames(options.error, grid, finite, most, placed, condense)
+    elif options.is_open:
+        chosen, made = sufficient_frames(grid, finite, default_counts(most), placed, condense)
+        notice = sufficiency(len(chosen.types) - len(links), made.error)
+        warnings.warn(notice, Notice, stacklevel=4)  # beyond telling_memory
     else:
-        chosen = placed(frames)
+        chosen = placed(options.frames)
         made = condense(chosen)
     return chosen, _Elastic(made.shapes, made.stiffness, made.region, made.cells, None, made)
 

@@ -14,6 +14,7 @@ from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
 from mjframes.weights.weights import Weights, weights_of
 
+PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
 RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
 
 
@@ -28,10 +29,16 @@ class Paper:
 class Options:
     """The arguments of `build`, as the stages take them.
 
+    frames: how many, None where it is `at` or an error that says so.
+    error: that the fewest frames are to keep [-].
+    is_open: whether nothing says how many frames.
     paper: None for the whole body's stiffness.
     metric: in which frames are spread.
     """
 
+    frames: int | None
+    error: float | None
+    is_open: bool
     paper: Paper | None
     metric: str
     weights: Weights
@@ -87,7 +94,10 @@ def checked(
             "strain; use other frames, or the corotational law."
         )
     metric = metric or (COMPLIANCE if paper else EVEN)
-    return Options(paper, metric, weights_of(weights), held, _damping(damping))
+    if frames is None and at is None and error is None:
+        frames = len(frame_type) if not isinstance(frame_type, str) else PAPER_FRAMES if paper else None
+    is_open = frames is None and at is None and error is None
+    return Options(frames, error, is_open, paper, metric, weights_of(weights), held, _damping(damping))
 
 
 def _method(method: str | Paper) -> Paper | None:
@@ -113,8 +123,6 @@ def _check_number_of_frames(frames: int | None, error: float | None, at: ArrayLi
         raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
     if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
         raise MjframesError("more than one of frames, at and error is given; give one of them.")
-    if frames is None and at is None and error is None:
-        raise MjframesError("none of frames, at and error is given; give a number of frames, as frames=5.")
     if frames == 0:
         raise MjframesError("frames is 0; a body needs one or more besides what holds it.")
     if error is not None and paper is not None:

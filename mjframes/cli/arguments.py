@@ -26,6 +26,7 @@ from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
 from mjframes.cli.fixed import FORMS, chosen
 from mjframes.cli.lengths import direction, indenter, length
+from mjframes.volume.meshes import MESH_TYPES
 
 BUILDING = (  # what says how a body is built, and so nothing to one that is
     "frames", "error", "method", "samples", "material", "materials", "fill", "spacing", "voxels", "unit", "scale", "up",
@@ -66,8 +67,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "volume",
         nargs="+",
         metavar="FILE",
-        help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd; 0 is outside) "
-        "or closed surfaces (.obj .stl .ply .off .glb; later ones win), labelled 1, 2, … in their order; "
+        help="a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd .mgz; 0 is outside) "
+        f"or closed surfaces ({' '.join(MESH_TYPES)}; later ones win), labelled 1, 2, … in their order; "
         "or a soft body (.npz) that is built already",
     )
     command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
@@ -77,6 +78,11 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     )
     places.add_argument(
         "--fragment", action="store_true", help="the body alone, for MJCF's <attach>: no floor, light or camera"
+    )
+    command.add_argument(
+        "--pieces",
+        action="store_true",
+        help="a body of each object or unconnected surface of a mesh: files parts-NAME.xml, or all --into a scene",
     )
     command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
     command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
@@ -103,7 +109,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         help="in that body (default 1,0,0,0)",
     )
     wanted = command.add_mutually_exclusive_group()
-    wanted.add_argument("--frames", type=_count, metavar="N", help="number of frames (default 3)")
+    wanted.add_argument(
+        "--frames",
+        type=_count,
+        metavar="N",
+        help="number of frames (default: the fewest of up to 20 that keep an error of 15 %%)",
+    )
     wanted.add_argument(
         "--error", type=_share, metavar="E", help="as many frames as it takes for this error, 0.05 for 5 %%"
     )
@@ -120,7 +131,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         default=[],
         metavar="LABEL=NAME:KEY=VALUE,…",
         help="one for each label, unless the image carries them: "
-        "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]",
+        "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]; "
+        "1=silicone-00-30 of mjframes materials; default=… for all other labels",
     )
     command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
     command.add_argument(
@@ -163,7 +175,12 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--seed", type=_seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
     command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    command.set_defaults(piece=None)
     command.set_defaults(building={name: command.get_default(name) for name in BUILDING})
+
+    command = commands.add_parser("materials", help="list the library of materials, or write a template for an image")
+    command.set_defaults(command=functions["materials"])
+    command.add_argument("scan", nargs="?", metavar="SCAN", help="label image whose labels a YAML template names")
 
     command = commands.add_parser("inspect", help="draw what build computed: stiffness, distance, weights, regions")
     command.set_defaults(command=functions["inspect"])

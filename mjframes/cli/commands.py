@@ -1,5 +1,5 @@
-"""The command line: `mjframes build`, `inspect`, `run`, `replay`, `press`, `collect`, `view`, `bench`, `report`,
-`check`, `doctor`.
+"""The command line: `mjframes build`, `materials`, `inspect`, `run`, `replay`, `press`, `collect`, `view`,
+`bench`, `report`, `check`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TextIO
 
 from mjframes.base.errors import MjframesError, Notice, out_of_memory
 from mjframes.cli.arguments import command_line, joined
@@ -80,7 +81,29 @@ def _discard_stdout() -> None:
 
 
 def build(arguments: argparse.Namespace) -> int:
-    """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml)."""
+    """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml), or one for each piece."""
+    if not arguments.pieces:
+        return _build(arguments)
+    from mjframes.volume.pieces import load_pieces
+
+    if len(arguments.volume) > 1:
+        raise MjframesError(f"{arguments.volume[1]}: --pieces takes one mesh apart; give one file.")
+    output = Path(arguments.output)
+    for number, name in enumerate(load_pieces(arguments.volume[0])):
+        called = re.sub(r"\W+", "_", name)
+        some = argparse.Namespace(**vars(arguments))
+        some.piece, some.pieces = name, False
+        some.name = called if arguments.name == "soft" and not called.isdecimal() else f"{arguments.name}_{called}"
+        if not arguments.into:
+            some.output = str(output.with_stem(f"{output.stem}-{called}"))
+        elif number:
+            some.into = arguments.output
+        _build(some)
+    return 0
+
+
+def _build(arguments: argparse.Namespace) -> int:
+    """Build and write one body."""
     output = Path(arguments.output)
     if output.suffix.lower() not in (".npz", ".xml"):
         raise MjframesError(f"{output}: the output is a soft body (.npz) or a scene (.xml); give one of these endings.")
@@ -97,7 +120,7 @@ def build(arguments: argparse.Namespace) -> int:
 
     from mjframes.base.files import replacing
     from mjframes.body.soft_body import is_soft_body
-    from mjframes.scene.scene_file import fragment, scene_with, standalone_scene, write_scene
+    from mjframes.scene.scene_file import bounds, fragment, scene_with, standalone_scene, write_scene
     from mjframes.scene.solver import advice
 
     start = time.perf_counter()
@@ -128,6 +151,9 @@ def build(arguments: argparse.Namespace) -> int:
         f"{output}: {len(body.parent)} frames, {len(body.stiffness.points)} regions, {body.voxels} voxels, "
         f"{model.nv} degrees of freedom, {len(body.skin.vertices)} vertices, {time.perf_counter() - start:.2f} s"
     )
+    lower, upper = bounds(body.fields.volume)
+    size = " × ".join(f"{length * 1e3:.4g}" for length in upper - lower)
+    print(f"size: {size} mm, mass: {body.control.mass.sum():.3g} kg")
     if body.error:
         print(f"error: {body.error}")
     if arguments.into and (faster := advice(model)):
@@ -156,12 +182,21 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
     """The soft body made of the volume or the meshes that are given."""
     from mjframes.base.constants import METRES
     from mjframes.body.build import build as build_body
-    from mjframes.cli.inputs import Materials, parse_fill, parse_materials, read_materials, read_volume
+    from mjframes.cli.inputs import (
+        Materials,
+        parse_default,
+        parse_fill,
+        parse_materials,
+        read_materials,
+        read_volume,
+    )
 
     materials = read_materials(arguments.materials) if arguments.materials else Materials()
+    own, default = parse_default(arguments.material)
     materials = Materials(
-        materials.by_label | parse_materials(arguments.material),
+        materials.by_label | parse_materials(own),
         parse_fill(arguments.fill) if arguments.fill else materials.fill,
+        default or materials.default,
     )
     with printed_notices():
         volume = read_volume(
@@ -172,24 +207,26 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
             scale=METRES[arguments.unit] if arguments.unit else arguments.scale,
             drop_unknown=arguments.drop_unknown,
             up=arguments.up,
+            piece=arguments.piece,
         )
     if arguments.largest:
         volume = largest_piece(volume)
-    return build_body(
-        volume,
-        supports=_supports(arguments, volume),
-        frames=arguments.frames or (None if arguments.error else 3),
-        error=arguments.error,
-        seed=arguments.seed,
-        frame_type=arguments.frame_type,
-        weights=_weights(arguments),
-        method=_method(arguments),
-        law=arguments.law,
-        mass=arguments.mass,
-        mode=arguments.mode,
-        damping=arguments.damping,
-        progress=progress,
-    )
+    with printed_notices():
+        return build_body(
+            volume,
+            supports=_supports(arguments, volume),
+            frames=arguments.frames,
+            error=arguments.error,
+            seed=arguments.seed,
+            frame_type=arguments.frame_type,
+            weights=_weights(arguments),
+            method=_method(arguments),
+            law=arguments.law,
+            mass=arguments.mass,
+            mode=arguments.mode,
+            damping=arguments.damping,
+            progress=progress,
+        )
 
 
 def _supports(arguments: argparse.Namespace, volume: Volume) -> list[Support]:
@@ -225,6 +262,21 @@ def _weights(arguments: argparse.Namespace) -> str | Weights:
     if arguments.weights != "voronoi":
         raise MjframesError("--subdivisions is given, but only --weights voronoi has any; leave it out.")
     return Voronoi(arguments.subdivisions)
+
+
+def materials(arguments: argparse.Namespace) -> int:
+    """Print the library as a table, or a YAML template of the labels of an image."""
+    from mjframes.cli.inputs import template
+    from mjframes.volume.library import LIBRARY
+
+    if arguments.scan:
+        print(template(arguments.scan))
+        return 0
+    print(f"{'name':16}{'young [Pa]':>12}{'poisson':>9}{'density [kg/m³]':>17}  source")
+    for name, known in LIBRARY.items():
+        young = "rigid" if known.young is None else f"{known.young:.3g}"
+        print(f"{name:16}{young:>12}{known.poisson:>9g}{known.density:>17g}  {known.source}")
+    return 0
 
 
 def inspect(arguments: argparse.Namespace) -> int:
@@ -441,19 +493,31 @@ def largest_piece(volume: Volume) -> Volume:
 
 @contextmanager
 def printed_notices() -> Iterator[None]:
-    """Print the notices given in this block, a line each, and leave other warnings alone."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print the notices given in this block, a line each, as they come, and leave other warnings alone."""
+    with warnings.catch_warnings():
         warnings.simplefilter("always", Notice)
-        try:
-            yield
-        finally:
-            notices = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
-    for notice in notices:
-        print(f"mjframes: {notice}", file=sys.stderr)
+        shown = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, Notice):
+                print(f"mjframes: {message}", file=sys.stderr)
+            else:
+                shown(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show
+        yield
 
 
 COMMANDS = {
     "build": build,
+    "materials": materials,
     "inspect": inspect,
     "run": run,
     "replay": replay,

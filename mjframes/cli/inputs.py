@@ -7,19 +7,27 @@ fill: {name: fat, young: 1e4, poisson: 0.45, density: 920}   # the rest of the c
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from mjframes.base.errors import MjframesError, Notice
+from mjframes.volume.images import read_image
+from mjframes.volume.label_names import label_names
+from mjframes.volume.library import LIBRARY
 from mjframes.volume.material import Material
-from mjframes.volume.meshes import MESH_TYPES
+from mjframes.volume.meshes import MESH_TYPES, MeshLike
+from mjframes.volume.pieces import chosen_piece
 from mjframes.volume.volume import VOXELS, Volume, occurring
+from mjframes.volume.voxelize import LENGTHS
 
+MOST_LABELS = 1000  # of an image that has materials, not intensities
 
 class _Repeated(yaml.YAMLError):
     """A key that a mapping has twice."""
@@ -42,10 +50,14 @@ class _Loader(yaml.SafeLoader):
 
 @dataclass(frozen=True)
 class Materials:
-    """Materials by label (a mesh's label is its place, from 1 on), and of the rest of the hull, None for nothing."""
+    """Materials by label (a mesh's label is its place, from 1 on), and of the rest of the hull, None for nothing.
+
+    default: of all labels that are not named, None where each must be.
+    """
 
     by_label: dict[int, Material] = field(default_factory=dict)
     fill: Material | None = None
+    default: Material | None = None
 
 
 def read_volume(
@@ -57,11 +69,13 @@ def read_volume(
     scale: float | None,
     drop_unknown: bool = False,
     up: str = "z",
+    piece: str | None = None,
 ) -> Volume:
     """Return the volume in one label image, or in one or more meshes, each with the material of its place.
 
     spacing: (3,) [m].  voxels: about how many to have inside.  scale: [m] that a unit of the meshes is long.
     drop_unknown: an image's labels without a material are outside.  up: axis of the file that points up.
+    piece: name of the piece of the one mesh, None for all of it.
     Warn (Notice) of what is chosen where nothing is given.
     Raise MjframesError for what cannot be read or does not go together.
     """
@@ -74,6 +88,7 @@ def read_volume(
         other = files[is_mesh.index(False)]
         raise MjframesError(f"{other}: meshes are given and this is none; give either one label image or meshes.")
     labels = range(1, len(files) + 1)
+    materials = _with_default(materials, list(labels), {})
     if missing := [label for label in labels if label not in materials.by_label]:
         each = ", ".join(f"{files[label - 1]}: mesh {label} has no material" for label in missing)
         flags = " ".join(f"--material {label}=NAME:…" for label in missing)
@@ -82,7 +97,10 @@ def read_volume(
         raise MjframesError(
             f"material {unused[0]} has no mesh; there are {len(files)}, numbered from 1 in their order."
         )
-    pairs = [(file, materials.by_label[label]) for file, label in zip(files, labels, strict=True)]
+    pairs: list[tuple[MeshLike, Material]] = [
+        (file if piece is None else chosen_piece(file, piece), materials.by_label[label])
+        for file, label in zip(files, labels, strict=True)
+    ]
     if spacing is None and voxels is None:
         warnings.warn(
             f"about {VOXELS} voxels are made; choose with --spacing METRES or --voxels N.", Notice, stacklevel=2
@@ -107,18 +125,31 @@ def read_materials(path: str) -> Materials:
             f"{path}: it holds no materials; they are lines like 1: {{young: 3e4, poisson: 0.45, density: 1050}}."
         )
     by_label: dict[int, Material] = {}
-    fill = None
+    fill = default = None
     for label, values in entries.items():
         where = f"{path}: material {label}"
-        if label != "fill" and (not isinstance(label, int) or isinstance(label, bool) or label < 1):
-            raise MjframesError(f"{where} must be called by a label from 1 on or 'fill'.")
+        if label not in ("fill", "default") and (not isinstance(label, int) or isinstance(label, bool) or label < 1):
+            raise MjframesError(f"{where} must be called by a label from 1 on, 'fill' or 'default'.")
+        if isinstance(values, str) and values in LIBRARY:
+            values = {"name": values}
         if not isinstance(values, Mapping):
             raise MjframesError(f"{where} is {values!r}; it must be like {{young: 3e4, poisson: 0.45, density: 1050}}.")
         if label == "fill":
             fill = _material(where, values)
+        elif label == "default":
+            default = _material(where, values)
         else:
             by_label[label] = _material(where, values)
-    return Materials(by_label, fill)
+    return Materials(by_label, fill, default)
+
+
+def parse_default(texts: Sequence[str]) -> tuple[list[str], Material | None]:
+    """Return the texts that are of labels, and the material of "default=flesh:young=3e4,…" among them, or None."""
+    own = [text for text in texts if text.partition("=")[0].strip() == "default"]
+    if len(own) > 1:
+        raise MjframesError(f"--material {own[1]!r} is the second default; give one.")
+    rest = [text for text in texts if text not in own]
+    return rest, parse_fill(own[0].partition("=")[2], "--material") if own else None
 
 
 def parse_materials(texts: Sequence[str]) -> dict[int, Material]:
@@ -138,7 +169,8 @@ def parse_materials(texts: Sequence[str]) -> dict[int, Material]:
 def parse_material(text: str) -> tuple[int, Material]:
     """Return (label, material) of "1=flesh:young=3e4,poisson=0.45,density=1050" or "2=bone:rigid,density=1900".
 
-    The name is optional; rgba=0.8/0.3/0.3/1 sets the colour, the opacity may be left out.
+    The name is optional. One of the library, "1=silicone-00-30", has the values that are not given.
+    rgba=0.8/0.3/0.3/1 sets the colour, the opacity may be left out.
     Raise MjframesError for anything else.
     """
     head, _, tail = text.partition(":")
@@ -148,10 +180,10 @@ def parse_material(text: str) -> tuple[int, Material]:
     return int(label), _parse(f"--material {text!r}", name, tail)
 
 
-def parse_fill(text: str) -> Material:
+def parse_fill(text: str, option: str = "--fill") -> Material:
     """Return the material of "flesh:young=3e4,poisson=0.45,density=1050".  Raise MjframesError for anything else."""
     name, _, tail = text.partition(":")
-    return _parse(f"--fill {text!r}", name, tail)
+    return _parse(f"{option} {text!r}", name, tail)
 
 
 def _parse(where: str, name: str, tail: str) -> Material:
@@ -167,13 +199,14 @@ def _parse(where: str, name: str, tail: str) -> Material:
 
 
 def _material(where: str, values: Mapping[Any, Any]) -> Material:
+    values = _completed(values)
     rigid = values.get("rigid", False)
     wanted = {"density"} if rigid else {"young", "poisson", "density"}
     given = set(values) - {"name", "rgba", "rigid"}
     if given != wanted or not isinstance(rigid, bool):
         raise MjframesError(
             f"{where} has {', '.join(sorted(map(str, given))) or 'no values'}; it needs young [Pa], poisson and "
-            "density [kg/m³], or rigid and density."
+            "density [kg/m³], or rigid and density, or a name that `mjframes materials` lists."
         )
     name = str(values.get("name") or "")
     try:
@@ -196,6 +229,53 @@ def _material(where: str, values: Mapping[Any, Any]) -> Material:
         raise MjframesError(f"{where}: {error}") from error
 
 
+def _completed(values: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    """With the values of the library that are not given, where it has the name."""
+    known = LIBRARY.get(str(values.get("name")))
+    if known is None or values.get("rigid") or {"young", "poisson", "density"} <= set(values):
+        return values
+    own = {"rigid": True} if known.young is None else {"young": known.young, "poisson": known.poisson}
+    if known.young is None and "young" in values:
+        return values
+    return {**own, "density": known.density, "rgba": known.rgba, **values}
+
+
+def _with_default(materials: Materials, labels: Sequence[int], names: Mapping[int, str]) -> Materials:
+    """The materials with the default one for all labels that have none, called by the label's name."""
+    if materials.default is None:
+        return materials
+    default = materials.default
+    rest = {
+        label: replace(default, name=names.get(label, default.name))
+        for label in labels
+        if label not in materials.by_label
+    }
+    return replace(materials, by_label=materials.by_label | rest)
+
+
+def template(path: str) -> str:
+    """Return YAML with a line for each label of an image, by its name where the image has one.
+
+    Raise MjframesError for what is no label image.
+    """
+    names = label_names(Path(path))
+    lines = ["# young [Pa], poisson [-], density [kg/m³], or rigid: true and density, or a name of the library"]
+    for label in _labels_of(path):
+        name = names.get(label, f"label {label}")
+        known = LIBRARY.get(name)
+        values = "" if known else ", young: 1e4, poisson: 0.45, density: 1050"
+        lines.append(f"{label}: {{name: {json.dumps(name, ensure_ascii=False)}{values}}}")
+    return "\n".join(lines)
+
+
+def _labels_of(path: str) -> list[int]:
+    labels = read_image(Path(path)).labels
+    found = [int(label) for label in np.unique(labels) if label > 0]
+    if len(found) > MOST_LABELS:
+        raise MjframesError(f"{path}: it has {len(found)} values; is this a label image? Segment it first.")
+    return found
+
+
 def _number(value: object) -> float:
     """From a number or its text: YAML reads 3e4 as text."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
@@ -216,9 +296,18 @@ def _read_image(
         raise MjframesError(f"{files[1]}: there is more than one label image; give one, or meshes.")
     if scale is not None:
         raise MjframesError(f"{files[0]}: --unit and --scale are for meshes; set an image's voxel size with --spacing.")
+    if materials.default is not None:
+        materials = _with_default(materials, _labels_of(files[0]), label_names(Path(files[0])))
     volume = Volume.load(
         files[0], spacing=spacing, materials=materials.by_label or None, drop_unknown=drop_unknown, crop=True, up=up
     )
+    length = float(np.max((np.ptp(np.argwhere(volume.labels), axis=0) + 1) * volume.spacing))
+    if not LENGTHS[0] <= length <= LENGTHS[1]:
+        warnings.warn(
+            f"{files[0]}: the body is {length:.3g} m long; if its voxels have another size, give --spacing METRES.",
+            Notice,
+            stacklevel=3,
+        )
     if unused := sorted(set(materials.by_label) - set(occurring(volume.labels))):
         raise MjframesError(
             f"{files[0]}: material {unused[0]} is given, but no voxel has this label; the labels are "

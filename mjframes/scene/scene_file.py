@@ -29,7 +29,7 @@ BACK = np.array([0.0, -0.8, 0.6])  # unit vector from the body to the camera
 
 def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact: bool = True) -> mujoco.MjSpec:
     """Return a spec in which `body`, made from `volume`, falls on a floor from a quarter of its size."""
-    lower, upper = _bounds(volume)
+    lower, upper = bounds(volume)
     size = float((upper - lower).max())
     spec = mujoco.MjSpec()
     spec.modelname = name
@@ -174,8 +174,8 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1], material="floor")
 
 
-def _bounds(volume: Volume) -> tuple[np.ndarray, np.ndarray]:
-    """(lower, upper) corners of the box around the inside, volume coordinates [m]."""
+def bounds(volume: Volume) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (lower, upper) corners of the box around the inside, volume coordinates [m]."""
     index = np.argwhere(volume.labels > 0)
     ends = np.stack([index.min(axis=0), index.max(axis=0) + 1])
     corners = np.array([ends[list(c), range(3)] for c in itertools.product((0, 1), repeat=3)])

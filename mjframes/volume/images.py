@@ -27,6 +27,7 @@ from mjframes.base.archive import Arrays, read_array, require_beside, require_po
 from mjframes.base.constants import KIND, VOLUME_VERSION
 from mjframes.base.errors import MjframesError, Notice
 from mjframes.volume.material import Material
+from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.metaimage import read_metaimage
 
 PIECE = 2**10  # [bytes] of compressed data that are looked at together: some megabytes at most
@@ -66,17 +67,18 @@ class LabelImage:
 
 
 def read_image(path: Path) -> LabelImage:
-    """Return the label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha or .mhd file.
+    """Return the label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha, .mhd, .mgz or .mgh file.
 
     Raise MjframesError if the file is missing, of another type, unreadable or truncated, or if the package that reads
     it is not installed.
     """
     readers = {".npz": _read_npz, ".npy": _read_npy, ".nrrd": _read_nrrd, ".nii": _read_nifti, ".nii.gz": _read_nifti}
-    readers |= {".mha": _read_metaimage, ".mhd": _read_metaimage}
+    readers |= {".mha": _read_metaimage, ".mhd": _read_metaimage, ".mgz": _read_mgz, ".mgh": _read_mgz}
     reader = next((read for suffix, read in readers.items() if path.name.lower().endswith(suffix)), None)
     if reader is None:
         raise MjframesError(
-            f"{path}: label images of this type cannot be read; convert it to .npz, .nrrd, .nii.gz or .mha."
+            f"{path}: files of type {path.suffix or 'none'} cannot be read; label images are {', '.join(readers)}, "
+            f"meshes are {', '.join(MESH_TYPES)}."
         )
     if not path.is_file():
         raise MjframesError(f"{path}: there is no such file; labels must be an array or the path of a label image.")
@@ -218,6 +220,15 @@ def _read_nifti(path: Path) -> LabelImage:
         return _from_steps(path, labels, scale[:, None] * image.affine[:3, :3], scale * image.affine[:3, 3])
     # nibabel would make up a mirrored, centred affine here; the standard only gives voxel sizes ("method 1")
     return _from_steps(path, labels, np.diag(scale * header.get_zooms()[:3]), None)
+
+
+def _read_mgz(path: Path) -> LabelImage:
+    """FreeSurfer's, which are in millimetres."""
+    image = _import("nibabel", path).load(path)
+    labels = np.asanyarray(image.dataobj)
+    if labels.ndim != 3:
+        return LabelImage(labels)
+    return _from_steps(path, labels, 1e-3 * image.affine[:3, :3], 1e-3 * image.affine[:3, 3])
 
 
 def _nifti_labels(path: Path, image: Any) -> NDArray[Any]:

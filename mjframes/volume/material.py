@@ -10,6 +10,7 @@ import numpy as np
 
 from mjframes.base.constants import RIGID_POISSON, RIGID_YOUNG
 from mjframes.base.errors import MjframesError
+from mjframes.volume.library import LIBRARY
 
 YOUNG = (1e-3, 1e15)  # [Pa] far beyond foam and diamond; in between no square of a stiffness overflows
 DENSITY = (1e-6, 1e9)  # [kg/m³]
@@ -80,6 +81,19 @@ class Material:
         return cls(
             RIGID_YOUNG, RIGID_POISSON, density, name, rgba, is_rigid=True, veins=veins, vein_spacing=vein_spacing
         )
+
+    @classmethod
+    def named(cls, name: str) -> Material:
+        """Return a material of the library, as "silicone-00-30"; `mjframes materials` lists them with their sources.
+
+        Raise MjframesError for a name that it does not have.
+        """
+        if name not in LIBRARY:
+            raise MjframesError(f"name is {name!r}; the library has {', '.join(LIBRARY)}.")
+        known = LIBRARY[name]
+        if known.young is None:
+            return cls.rigid(known.density, name=name, rgba=known.rgba)
+        return cls(known.young, known.poisson, known.density, name, known.rgba)
 
     @property
     def compliance(self) -> float:

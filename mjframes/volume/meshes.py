@@ -17,7 +17,9 @@ First stage of the pipeline (the paper, §4, voxelizes closed surfaces), before 
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import io
 import math
 import os
 from dataclasses import dataclass, replace
@@ -35,7 +37,18 @@ if TYPE_CHECKING:
     import trimesh
 
 MeshLike: TypeAlias = "str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene"
-MESH_TYPES = (".obj", ".stl", ".ply", ".off", ".glb")
+SURFACE_TYPES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".3mf")  # that trimesh reads
+SOLID_TYPES = (".msh", ".vtu", ".vtk", ".mesh", ".inp", ".xdmf")  # of tetrahedra and bricks, that meshio reads
+MESH_TYPES = (*SURFACE_TYPES, *SOLID_TYPES)
+TETRA, BRICK = (
+    ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+)
+WEDGE = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+# the outward faces of solid elements by meshio's names, corners only: those of second order have them first
+SIDES = {"tetra": TETRA, "tetra10": TETRA, "hexahedron": BRICK, "hexahedron20": BRICK, "hexahedron27": BRICK}
+SIDES |= {"wedge": WEDGE}
+FLAT_SIDES = {"triangle": ((0, 1, 2),), "triangle6": ((0, 1, 2),), "quad": ((0, 1, 2, 3),)}
 MERGE = 1e-6  # [-] of the mesh's diagonal: nearer vertices are the same, exporters round to about 1e-7
 FLAT = 1e-5  # [-] smallest to largest extent of a mesh that has no inside
 UNDECIDED = 0.25  # [-] distance of w from an integer beyond which it says little; share of such places that is too much
@@ -70,7 +83,7 @@ class Surface:
 
 
 def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
-    """Return the surface in a file (.obj .stl .ply .off .glb) or a trimesh object, cleaned as the module's text says.
+    """Return the surface in a file (MESH_TYPES) or a trimesh object, cleaned as the module's text says.
 
     name: what messages call it where it is no file.  scale: [m] that one unit of the mesh is long.
     Raise MjframesError if the file is missing, unreadable or of another type, or if the mesh cannot have an inside.
@@ -92,7 +105,7 @@ def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
     triangles, dropped = _drop_repeated(triangles)
     if dropped:
         notices.append(f"{name}: {_count(dropped, 'repeated triangle')} dropped.")
-    shell = _shells(len(points), triangles)
+    shell = shells_of(len(points), triangles)
     triangles, mixed = _make_consistent(name, triangles, shell)
     if mixed.any():
         which = f"{mixed.sum()} of {len(mixed)} shells have" if len(mixed) > 1 else "it has"
@@ -161,21 +174,73 @@ def winding_number(points: NDArray[np.float64], triangles: NDArray[np.float64]) 
     return w
 
 
-def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def open_scene(path: Path, **options: Any) -> trimesh.Scene:
+    """Return what trimesh reads in a file of SURFACE_TYPES.
+
+    Raise MjframesError if it is missing or damaged, or if a package that reads it is not installed.
+    """
     import trimesh
 
-    if path.suffix.lower() not in MESH_TYPES:
-        raise MjframesError(f"{path}: meshes of this type cannot be read; export it as {', '.join(MESH_TYPES)}.")
-    if not path.is_file():
-        raise MjframesError(f"{path}: there is no such file; a mesh is a trimesh object or the path of a mesh file.")
-    options: dict[str, Any] = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+    _require_file(path)
+    if path.suffix.lower() == ".obj":
+        options["skip_materials"] = True
+    if path.suffix.lower() == ".3mf":
+        for name in ("lxml", "networkx"):
+            _require_package(path, name)
     try:
-        return _arrays(str(path), trimesh.load_scene(path, process=False, **options))
-    except MjframesError:
-        raise
+        return trimesh.load_scene(path, process=False, **options)
     except Exception as error:  # a damaged file can fail anywhere in five foreign readers
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+
+
+def _require_file(path: Path) -> None:
+    if not path.is_file():
+        raise MjframesError(f"{path}: there is no such file; a mesh is a trimesh object or the path of a mesh file.")
+
+
+def _require_package(path: Path, name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MjframesError(f'{path}: reading it needs {name}; run pip install "mjframes[meshes]".') from error
+
+
+def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    kind = path.suffix.lower()
+    if kind not in MESH_TYPES:
+        raise MjframesError(f"{path}: meshes of type {kind or 'none'} cannot be read; give {', '.join(MESH_TYPES)}.")
+    return _outside(path) if kind in SOLID_TYPES else _arrays(str(path), open_scene(path))
+
+
+def _outside(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The faces that one solid element has and no other, or, where there are no solids, the triangles."""
+    _require_file(path)
+    meshio = _require_package(path, "meshio")
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # meshio prints what it finds odd
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio ends the process where it finds no reader
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+    solids = [(SIDES[cell.type], cell.data) for cell in mesh.cells if cell.type in SIDES]
+    plane = [(FLAT_SIDES[cell.type], cell.data) for cell in mesh.cells if cell.type in FLAT_SIDES]
+    faces = [data[:, side] for sides, data in solids or plane for side in sides]
+    if not faces:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    triangles = []
+    for corners in (3, 4):
+        some = [face for face in faces if face.shape[1] == corners]
+        if not some:
+            continue
+        every = np.concatenate(some).astype(np.int64)
+        if solids:
+            _, first, count = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
+            every = every[first[count == 1]]
+        triangles += [every[:, [0, i, i + 1]] for i in range(1, corners - 1)]
+    points = np.zeros((len(mesh.points), 3))
+    points[:, : mesh.points.shape[1]] = mesh.points
+    return points, np.concatenate(triangles)
 
 
 def _arrays(name: str, mesh: object) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -250,8 +315,8 @@ def _drop_repeated(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], int
     return kept, len(triangles) - len(kept)
 
 
-def _shells(n: int, triangles: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(m,) int32: which connected part a triangle belongs to."""
+def shells_of(n: int, triangles: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return (m,) which connected part each triangle belongs to, of a mesh with n vertices."""
     a, b, c = triangles.T
     links = scipy.sparse.coo_array((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), (n, n))
     vertex_part = scipy.sparse.csgraph.connected_components(links, directed=False)[1]

@@ -84,7 +84,8 @@ class Volume:
         crop: bool = False,
         up: str = "z",
     ) -> Volume:
-        """Return a volume from what `save` wrote, or a label image (.npz .npy .nrrd .nii .nii.gz .mha .mhd).
+        """Return a volume from what `save` wrote, or a label image (.npz .npy .nrrd .nii .nii.gz .mha
+        .mhd .mgz).
 
         spacing, origin: the file's own are overridden by them.
         materials: a file saved with materials needs none, or has them replaced.

@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 
 from mjframes.base.constants import MOST_CELLS
 from mjframes.base.errors import MjframesError
+from mjframes.base.memory import available_memory
 from mjframes.volume.meshes import Surface, import_igl, lids
 
 PROBE_CELLS = 400_000  # of the grid that estimates the volume for a wanted voxel count: to about 1 %, in 0.02 to 0.3 s
 QUERIES = 1_000_000  # points per call of libigl: 24 MB of coordinates
 SNAPPED = 16  # cells from which on a whole number of them on the shortest side changes the voxel count by < 10 %
-LENGTHS = (1e-3, 10.0)  # [m] of a usual body
+CELL = 8  # [bytes] of a cell while it is found inside or outside
+LENGTHS = (5e-3, 5.0)  # [m] of a usual body
 NOTABLE_LOSS = 0.02  # [-] difference of voxels and mesh in volume that is worth a notice
 SHARPNESS = 256  # lost places whose thickness is measured
 CAUGHT = 0.1  # [-] quantile of their thickness that the advised spacing resolves
@@ -138,6 +140,12 @@ def _frame(
         raise MjframesError(
             f"spacing is {spacing.tolist()} m, which makes {np.prod(cells):.1e} cells of a body of "
             f"{np.array2string(high - low, precision=3)} m; take more than {least:.1g} m or scale the mesh."
+        )
+    if (needed := CELL * float(np.prod(cells))) > (available := available_memory()):
+        raise MjframesError(
+            f"spacing is {spacing.tolist()} m, which makes {np.prod(cells):.1e} cells: these take about "
+            f"{needed / 1e9:.1f} GB, but {available / 1e9:.1f} GB of memory are free; take a spacing of "
+            f"{float(np.max(spacing)) * 1.1 * (needed / available) ** (1 / 3):.2g} m or more, or --voxels."
         )
     nx, ny, nz = cells.astype(int).tolist()
     return low, (nx, ny, nz)

@@ -32,6 +32,8 @@ PUSHED = 0.08  # [-] of the surface that a push covers
 FACING = 0.3  # [-] least cosine between the normals where it pushes: not on both sides of a plate
 FAR = 1.5  # [-] radii of a push within which the dent that it makes is not looked at
 SMOOTH = 1.5  # [voxels] over which normals are taken
+LARGE = 0.3  # [-] error beyond which a body needs advice
+ADVICE = " (more frames make it smaller, as do --error 0.15 or error=0.15, which find out how many)"
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,10 @@ class BodyError:
     pushes: float
 
     def __str__(self) -> str:
-        """Return it as a part of a sentence."""
+        """Return it as a part of a sentence, with what helps where it is large."""
         weight = "" if self.weight is None else f"{self.weight:.1%} under its own weight, "
-        return f"{weight}{self.pushes:.1%} under pushes, against finite elements"
+        advice = ADVICE if self.largest > LARGE else ""
+        return f"{weight}{self.pushes:.1%} under pushes, against finite elements{advice}"
 
     @property
     def largest(self) -> float:

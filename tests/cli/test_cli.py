@@ -104,7 +104,7 @@ def test_a_log_is_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         (["build", "none.npz", "-o", "a.xml", "--frames", "0"], "'0' is not a whole number"),
         (["build", "none.npz", "-o", "a.xml", "--spacing", "1,2"], "'1,2' is not one length"),
         (["build", "none.npz", "-o", "a.xml", "--material", "1"], "--material '1'"),
-        (["build", "none.obj", "-o", "a.xml", "--fill", "fat"], "--fill 'fat' has no values"),
+        (["build", "none.obj", "-o", "a.xml", "--fill", "lard"], "--fill 'lard' has no values"),
         (["build", "none.obj", "-o", "a.xml", "--materials", "no.yaml"], "no.yaml: the materials cannot be read"),
         (["build", "none.obj", "-o", "a.xml", "--unit", "mm", "--scale", "2"], "not allowed with"),
         (["build", "none.obj", "-o", "a.xml", "--scale", "-2"], "'-2' is not a positive number"),
@@ -354,3 +354,24 @@ def test_build_can_drop_small_pieces(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_the_package_is_the_command() -> None:
     shown = subprocess.run([sys.executable, "-m", "mjframes", "--help"], capture_output=True, text=True, check=True)
     assert shown.stdout.startswith("usage: mjframes [-h] COMMAND")
+
+
+def test_size_and_mass_are_printed_and_odd_sizes_told_of(
+    volume: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["build", str(volume), "--frames", "1", "-o", str(tmp_path / "a.npz")]
+    assert main(command) == 0
+    printed = capsys.readouterr()
+    assert "size: 120 × 60 × 40 mm, mass: 0.364 kg\n" in printed.out
+    assert printed.err == ""
+    assert main([*command, "--spacing", "0.0003"]) == 0
+    assert (
+        "bar.npz: the body is 0.0036 m long; if its voxels have another size, give --spacing" in capsys.readouterr().err
+    )
+    assert main([*command, "--spacing", "1"]) == 0
+    assert "the body is 12 m long" in capsys.readouterr().err
+    trimesh.creation.box(extents=(4, 4, 4)).export(tmp_path / "box.stl")
+    command = ["build", str(tmp_path / "box.stl"), "--voxels", "64", "--frames", "1", "--material", FLESH]
+    for unit, is_odd in (("mm", True), ("cm", False), ("m", False), ("ft", False)):
+        assert main([*command, "--unit", unit, "-o", str(tmp_path / "b.npz")]) == 0
+        assert ("give scale or --unit" in capsys.readouterr().err) == is_odd

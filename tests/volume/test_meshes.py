@@ -334,7 +334,7 @@ def test_bad_arguments(options: dict[str, Any], message: str) -> None:
     ("mesh", "message"),
     [
         ("none.obj", r"none\.obj: there is no such file"),
-        ("none.step", r"none\.step: meshes of this type cannot be read"),
+        ("none.step", r"none\.step: meshes of type \.step cannot be read; give \.obj, "),
         (trimesh.Trimesh(), "no triangles"),
         (trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 1], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]]), "flat"),
         (trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], process=False), "no points in space"),

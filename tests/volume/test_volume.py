@@ -569,7 +569,7 @@ def test_frog_with_noise_in_its_labels() -> None:
 
 def test_other_types_are_refused(tmp_path: Path) -> None:
     (tmp_path / "v.dcm").write_text("DICM")
-    with pytest.raises(MjframesError, match=r"v\.dcm: .*\.npz, \.nrrd, \.nii\.gz or \.mha"):
+    with pytest.raises(MjframesError, match=r"v\.dcm: files of type \.dcm cannot be read; label images are \.npz, "):
         Volume.load(tmp_path / "v.dcm", spacing=0.001, materials=MATERIALS)
 
 

@@ -1,0 +1,89 @@
+"""The pieces of a mesh file: its named objects, or the surfaces that are not connected.
+
+A surface within another one is a cavity or a core of that, and belongs to its piece.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjframes.base.errors import MjframesError
+from mjframes.volume.meshes import load_surface, open_scene, shells_of, winding_number
+
+if TYPE_CHECKING:
+    import trimesh
+
+INSIDE = 0.5  # [-] winding number from which on a point is inside
+WITNESSES = 16  # vertices of a surface that are all inside another one, if it is
+
+
+def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
+    """Return the pieces of a mesh file, in the file's unit and place, for `Volume.from_meshes`.
+
+    Their names are those of the file's objects, where it has several (.3mf, .glb, .gltf, .obj), or "1", "2", … from
+    the largest box on. Raise MjframesError for a file that cannot be read.
+    """
+    import trimesh
+
+    objects = _objects(Path(path))
+    if len(objects) > 1:
+        return objects
+    surface = load_surface(path, os.fspath(path), 1.0)
+    owner = _owners(surface.vertices, surface.faces)
+    pieces = []
+    for number in np.unique(owner):
+        used, corner = np.unique(surface.faces[owner == number], return_inverse=True)
+        pieces.append(trimesh.Trimesh(surface.vertices[used], corner.reshape(-1, 3), process=False))
+    pieces.sort(key=lambda piece: -float(np.prod(piece.extents)))
+    return {str(number): piece for number, piece in enumerate(pieces, 1)}
+
+
+def chosen_piece(path: str | os.PathLike[str], name: str) -> trimesh.Trimesh:
+    """Return one of the pieces. Raise MjframesError where none has the name."""
+    pieces = load_pieces(path)
+    if name not in pieces:
+        raise MjframesError(f"{os.fspath(path)}: it has no piece {name!r}; its pieces are {', '.join(pieces)}.")
+    return pieces[name]
+
+
+def _objects(path: Path) -> dict[str, trimesh.Trimesh]:
+    """The named objects of a file, where they stand in it; none for formats without names."""
+    import trimesh
+
+    if path.suffix.lower() not in (".3mf", ".glb", ".gltf", ".obj"):
+        return {}
+    scene = open_scene(path, split_objects=True) if path.suffix.lower() == ".obj" else open_scene(path)
+    found = {}
+    for node in scene.graph.nodes_geometry:
+        place, geometry = scene.graph[node]
+        mesh = scene.geometry[str(geometry)]
+        if isinstance(mesh, trimesh.Trimesh):
+            found[str(node)] = mesh.copy().apply_transform(place)
+    return found
+
+
+def _owners(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) the piece of each triangle: its connected surface, or the outermost one around that."""
+    shell = shells_of(len(points), triangles)
+    count = int(shell.max()) + 1
+    parts = [triangles[shell == s] for s in range(count)]
+    low = np.array([points[part].min(axis=(0, 1)) for part in parts])
+    high = np.array([points[part].max(axis=(0, 1)) for part in parts])
+    owner = np.arange(count)
+    for s in range(count):
+        around = (low <= low[s]).all(axis=1) & (high >= high[s]).all(axis=1)
+        used = np.unique(parts[s])
+        witnesses = points[used[np.linspace(0, len(used) - 1, min(WITNESSES, len(used))).astype(int)]]
+        outer = [
+            int(o)
+            for o in np.flatnonzero(around)
+            if o != s and (np.abs(winding_number(witnesses, points[parts[o]])) > INSIDE).all()
+        ]
+        if outer:
+            owner[s] = max(outer, key=lambda o: float(np.prod(high[o] - low[o])))
+    return owner[shell]

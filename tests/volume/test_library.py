@@ -1,0 +1,113 @@
+"""The library of materials, and the names that images give their labels."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import nibabel
+import nrrd
+import numpy as np
+import pytest
+import yaml
+from nibabel.nifti1 import Nifti1Extension
+
+import mjframes as mf
+from mjframes.cli.commands import main
+from mjframes.cli.inputs import parse_material, read_materials
+from mjframes.volume.label_names import label_names
+from mjframes.volume.library import LIBRARY
+
+TOTAL = b'<?xml version="1.0"?><CaretExtension><LabelTable><Label Key="0">out</Label>'
+TOTAL += b'<Label Key="1" Red="1"><![CDATA[liver]]></Label><Label Key="5">spleen</Label></LabelTable></CaretExtension>'
+
+
+@pytest.fixture
+def labels() -> np.ndarray:
+    found = np.zeros((4, 4, 8), np.uint8)
+    found[:, :, :4], found[:, :, 4:] = 1, 5
+    return found
+
+
+@pytest.fixture
+def scan(tmp_path: Path, labels: np.ndarray) -> Path:
+    header = {"Segment0_LabelValue": "1", "Segment0_Name": "liver", "Segment1_LabelValue": "5", "Segment1_Name": "gall"}
+    nrrd.write(str(tmp_path / "seg.nrrd"), labels, {**header, "space directions": np.eye(3), "space": "RAS"})
+    return tmp_path / "seg.nrrd"
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_every_material_can_be_made_and_says_where_it_is_from(name: str) -> None:
+    material = mf.Material.named(name)
+    assert (material.name, material.density) == (name, LIBRARY[name].density)
+    assert material.is_rigid == (LIBRARY[name].young is None)
+    assert len(LIBRARY[name].source) > 20
+
+
+def test_an_unknown_name_is_told_with_the_known_ones() -> None:
+    with pytest.raises(mf.MjframesError, match=r"^name is 'jelly'; the library has silicone-00-10, "):
+        mf.Material.named("jelly")
+
+
+def test_the_command_line_takes_names_and_what_differs() -> None:
+    assert parse_material("1=silicone-00-30") == (1, mf.Material.named("silicone-00-30"))
+    assert parse_material("2=bone")[1] == mf.Material.named("bone")
+    assert parse_material("1=liver:young=9e3")[1].young == 9e3
+    assert parse_material("1=liver:young=9e3")[1].density == LIBRARY["liver"].density
+    with pytest.raises(mf.MjframesError, match="or a name that `mjframes materials` lists"):
+        parse_material("1=jelly")
+
+
+def test_names_of_3d_slicer(scan: Path) -> None:
+    assert label_names(scan) == {1: "liver", 5: "gall"}
+
+
+def test_names_of_totalsegmentator(tmp_path: Path, labels: np.ndarray) -> None:
+    image = nibabel.Nifti1Image(labels, np.eye(4))
+    image.header.extensions.append(Nifti1Extension(0, TOTAL))
+    nibabel.save(image, tmp_path / "a.nii.gz")
+    assert label_names(tmp_path / "a.nii.gz") == {1: "liver", 5: "spleen"}
+
+
+@pytest.mark.parametrize("content", [{"1": "liver"}, {"labels": {"background": 0, "liver": 1}}])
+@pytest.mark.parametrize("beside", ["a.json", "dataset.json"])
+def test_names_of_a_file_beside(tmp_path: Path, labels: np.ndarray, content: dict, beside: str) -> None:
+    nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), tmp_path / "a.nii.gz")
+    assert label_names(tmp_path / "a.nii.gz") == {}
+    (tmp_path / beside).write_text(json.dumps(content))
+    assert label_names(tmp_path / "a.nii.gz") == {1: "liver"}
+
+
+def test_the_library_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["materials"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + len(LIBRARY)
+    assert lines[2].split()[:4] == ["silicone-00-30", "6.9e+04", "0.49", "1070"]
+
+
+def test_a_template_names_the_labels_of_an_image(
+    scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["materials", str(scan)]) == 0
+    text = capsys.readouterr().out
+    assert yaml.safe_load(text) == {
+        1: {"name": "liver"},
+        5: {"name": "gall", "young": "1e4"} | {"poisson": 0.45, "density": 1050},
+    }
+    (tmp_path / "m.yaml").write_text(text)
+    found = read_materials(str(tmp_path / "m.yaml")).by_label
+    assert found[1] == mf.Material.named("liver")
+    assert (found[5].name, found[5].young) == ("gall", 1e4)
+    assert main(["materials", str(tmp_path / "none.nrrd")]) == 2
+
+
+def test_labels_that_are_not_named_have_the_default(scan: Path, tmp_path: Path) -> None:
+    command = ["build", str(scan), "--frames", "1", "--spacing", "0.01", "-o", str(tmp_path / "a.npz")]
+    assert main([*command, "--material", "1=liver", "--material", "default=fat"]) == 0
+    materials = mf.SoftBody.load(tmp_path / "a.npz").materials
+    assert materials[1] == mf.Material.named("liver")
+    assert (materials[5].name, materials[5].young) == ("gall", LIBRARY["fat"].young)
+    (tmp_path / "m.yaml").write_text("default: fat\n")
+    assert main([*command, "--materials", str(tmp_path / "m.yaml")]) == 0
+    assert mf.SoftBody.load(tmp_path / "a.npz").materials[1].young == LIBRARY["fat"].young
+    assert main([*command, "--material", "default=fat", "--material", "default=fat"]) == 2
