@@ -23,11 +23,11 @@ inline constexpr double kOpposed = 0.4;
 // closest rotation jumps; at 1 a region that is stretched to twice its length would turn rather than stretch further.
 inline constexpr double kTwistFirmness = 3;
 inline constexpr double kOpposedFirmness = 3;
-inline constexpr int kTurnSteps = 40;         // of Newton's method for R; three or four are usual
-inline constexpr int kTurnHalvings = 20;      // of a step that does not go down
-inline constexpr double kTurnSlope = 1e-4;    // [-] of the expected descent that a step has to find
-inline constexpr double kSameShape = 1e-3;    // [-] of F at rest, to the identity: weights are rounded
-inline constexpr double kSameValue = 1e-12;   // [-] eigenvalues no farther apart count as one
+inline constexpr int kTurnSteps = 40;        // of Newton's method for R; three or four are usual
+inline constexpr int kTurnHalvings = 20;     // of a step that does not go down
+inline constexpr double kTurnSlope = 1e-4;   // [-] of the expected descent that a step has to find
+inline constexpr double kSameShape = 1e-3;   // [-] of F at rest, to the identity: weights are rounded
+inline constexpr double kSameValue = 1e-12;  // [-] eigenvalues no farther apart count as one
 
 // [-] of Zᵀ U. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 inline constexpr double kSingular = 1e-8;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-
 namespace mjframes {
 namespace {
 
@@ -100,7 +99,8 @@ void FillLane(const Region& region, const double* stiffness, const double* facto
       const double dot = Dot(gj, gk);
       for (int e = 0; e < 9; e++, entry++) {
         const double skew = (e % 4 == 0 ? dot : 0) - gj[e % 3] * gk[e / 3];
-        moduli->stiffness[kWideLanes * entry + lane] = stiffness[(3 * j + e / 3) * width + 3 * k + e % 3] + twist * skew;
+        moduli->stiffness[kWideLanes * entry + lane] =
+            stiffness[(3 * j + e / 3) * width + 3 * k + e % 3] + twist * skew;
       }
     }
   }

@@ -2,10 +2,10 @@
 //
 //   W = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − kOpposed)₋|²
 //
-// F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p = Σ_j x_j g°_jᵀ that of one of its frames. At rest K_e does not know
-// R, κ does: R is close to the rotation that is closest to F. φ keeps frames from opposing their region, and is zero
-// unless one is turned by more than 66° against it, or shortened below 0.4; else a region that one frame was turned over
-// in would be at rest as well. κ and φ follow from K_e (FillLane).
+// F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p = Σ_j x_j g°_jᵀ that of one of its frames. At rest K_e does not
+// know R, κ does: R is close to the rotation that is closest to F. φ keeps frames from opposing their region, and is
+// zero unless one is turned by more than 66° against it, or shortened below 0.4; else a region that one frame was
+// turned over in would be at rest as well. κ and φ follow from K_e (FillLane).
 //
 // As the least of functions of x that are smooth, W is continuous in every state, and its gradient is that of the one
 // that is least, at the same R: with K the Hessian of that at fixed R, κ included, and U = K Z, (Z a)_j = a × z_j,
@@ -67,9 +67,9 @@ struct Region {
   int size() const { return static_cast<int>(point.size()); }
 };
 
-// Eight regions side by side, one a lane: their force and stiffness, as above. Regions of about the same number of points
-// are in one batch; where one has fewer than the largest, points without stiffness fill it up. Every array has eight
-// lanes an entry.
+// Eight regions side by side, one a lane: their force and stiffness, as above. Regions of about the same number of
+// points are in one batch; where one has fewer than the largest, points without stiffness fill it up. Every array has
+// eight lanes an entry.
 struct RegionBatch {
   // What factors of the materials change.
   struct Moduli {
@@ -94,7 +94,7 @@ struct RegionBatch {
   int sizes[kWideLanes / kLanes] = {};
   double inverse_size[kWideLanes], enlargement[kWideLanes];
   double solid[kWideLanes];  // 1 or 0, as in Region
-  Moduli moduli;  // as built
+  Moduli moduli;             // as built
 };
 
 // All regions, largest first; neighbours next to each other.
@@ -121,11 +121,11 @@ struct BatchScratch {
 
 // What of all regions is asked for: each is added to where it is given.
 struct Wanted {
-  Vec3* force = nullptr;         // of each control point [N]
-  double* stiffness = nullptr;   // one row-major 3×3 block a pair of control points [N/m]
-  double* enlarged = nullptr;    // the same, each region's times its enlargement
-  double* energy = nullptr;      // W [J]
-  Mat3* rotation = nullptr;      // R of each region, by its number; not added
+  Vec3* force = nullptr;        // of each control point [N]
+  double* stiffness = nullptr;  // one row-major 3×3 block a pair of control points [N/m]
+  double* enlarged = nullptr;   // the same, each region's times its enlargement
+  double* energy = nullptr;     // W [J]
+  Mat3* rotation = nullptr;     // R of each region, by its number; not added
 };
 
 // moduli: one a batch, null for those as built. x: all control points [m].

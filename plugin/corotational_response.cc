@@ -492,7 +492,8 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
     Cross3(z, w, moment);
     for (int r = 0; r < 3; r++) torque[r] += moment[r];
   }
-  for (int r = 0; r < 3; r++) s[r] = inverse[3 * r] * torque[0] + inverse[3 * r + 1] * torque[1] + inverse[3 * r + 2] * torque[2];
+  for (int r = 0; r < 3; r++)
+    s[r] = inverse[3 * r] * torque[0] + inverse[3 * r + 1] * torque[1] + inverse[3 * r + 2] * torque[2];
   for (int j = 0; j < half.size; j++) {
     V w[3];
     for (int r = 0; r < 3; r++) {
@@ -515,7 +516,8 @@ MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch
       V u[3];
       for (int c = 0; c < 3; c++) u[c] = half.Of(scratch->product.data(), 12 * j + 3 * (1 + c) + r);
       for (int c = 0; c < 3; c++) {
-        half.Put(u[0] * inverse[c] + u[1] * inverse[3 + c] + u[2] * inverse[6 + c], scratch->g.data(), 9 * j + 3 * r + c);
+        half.Put(u[0] * inverse[c] + u[1] * inverse[3 + c] + u[2] * inverse[6 + c], scratch->g.data(),
+                 9 * j + 3 * r + c);
       }
     }
   }

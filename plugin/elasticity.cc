@@ -54,7 +54,8 @@ void Elasticity::Evaluate(const Vec3* x, bool stiffness, std::vector<Vec3>* forc
   std::fill(stiffness_.begin(), stiffness_.end(), 0.0);
   std::fill(enlarged_.begin(), enlarged_.end(), 0.0);
   double* K = stiffness ? stiffness_.data() : nullptr;
-  AddRegions(x, {.force = force->data(), .stiffness = K, .enlarged = K && model_.enlarges ? enlarged_.data() : nullptr});
+  AddRegions(x,
+             {.force = force->data(), .stiffness = K, .enlarged = K && model_.enlarges ? enlarged_.data() : nullptr});
   AddQuadrature(model_.quadrature, x, &quadrature_scratch_, force->data(), K);
   if (!model_.quadrature.empty() && !enlarged_.empty()) {
     std::transform(stiffness_.begin(), stiffness_.end(), enlarged_.begin(),

@@ -41,8 +41,8 @@ class Places {
   void Differ(SoftBody* body, const std::vector<Vec3>& x, double time, std::vector<Vec3>* lifted);
 
   std::vector<Place> places_;
-  std::vector<Vec3> velocity_;  // of the control points, as seen from the holder   (k)
-  std::vector<Vec3> moved_;     // control points, a little later or earlier        (k)
+  std::vector<Vec3> velocity_;        // of the control points, as seen from the holder   (k)
+  std::vector<Vec3> moved_;           // control points, a little later or earlier        (k)
   std::vector<Vec3> after_, before_;  // R L y of each point then                   (n)
 };
 

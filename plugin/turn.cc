@@ -47,8 +47,8 @@ void AddCells(const Turn& turn, int group, const Mat3& delta, const double* colu
   }
   const Invariants<Lanes> is = InvariantsOf(F);
   for (int lane = 0; lane < kLanes; lane++) {
-    of->energy += cells.volume[lane] *
-                  EnergyDensity(turn.law, cells.material[lane], is.i1[lane], is.i2[lane], is.j[lane]);
+    of->energy +=
+        cells.volume[lane] * EnergyDensity(turn.law, cells.material[lane], is.i1[lane], is.i2[lane], is.j[lane]);
   }
   if (!curved) return;
   const Slopes<Lanes> slopes = SlopesOf(turn.law, cells.material, is);
@@ -195,6 +195,10 @@ bool Opposes(const Mat3& S, double firmness, Opposition* of) {
                     S[4], 0.5 * (S[5] + S[7]), 0.5 * (S[2] + S[6]), 0.5 * (S[5] + S[7]),
                     S[8]};
   double value[3], vector[9], quaternion[4], below[3];
+  double minors[3] = {sym[0] - kOpposed, 0, 0};
+  minors[1] = minors[0] * (sym[4] - kOpposed) - sym[1] * sym[1];
+  minors[2] = Det({minors[0], sym[1], sym[2], sym[3], sym[4] - kOpposed, sym[5], sym[6], sym[7], sym[8] - kOpposed});
+  if (minors[0] > 0 && minors[1] > 0 && minors[2] > 0) return false;
   mju_eig3(value, vector, quaternion, sym.data());
   if (!(value[2] < kOpposed)) return false;
   of->energy = 0;
@@ -228,6 +232,7 @@ Mat3 LeastTurn(const Turn& turn, bool everywhere) {
   Mat3 best{};
   double least = Descend(turn, &best);
   if (!everywhere) return best;
+  const Mat3 near = PlusOne(best);
   const auto from = [&](Mat3 delta) {
     const double energy = Descend(turn, &delta);
     if (!(energy < least)) return;
@@ -239,7 +244,9 @@ Mat3 LeastTurn(const Turn& turn, bool everywhere) {
     for (int e = 0; e < 9; e += 4) half[e] = e == 4 * axis ? 0 : -2;
     from(half);
   }
-  for (int p = 0; p < turn.frames; p++) {
+  for (int p = 0; p < turn.frames; p++) {  // as frames are turned that oppose the region
+    Opposition opposed;
+    if (!Opposes(Mul(Transpose(near), turn.frame[p]), turn.firmness, &opposed)) continue;
     Mat3 toward = ClosestRotation(turn.frame[p], kIdentity);
     for (int e = 0; e < 9; e += 4) toward[e] -= 1;
     from(toward);

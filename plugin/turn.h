@@ -1,6 +1,7 @@
 // How a region turns: the rotation of least energy (corotational.h), searched for among all.
 //
-// With z_j = R₀ᵀ x_j for some rotation R₀ and R = R₀ D, D = 1 + Δ, strains are linear in Δ and the energy of a region is
+// With z_j = R₀ᵀ x_j for some rotation R₀ and R = R₀ D, D = 1 + Δ, strains are linear in Δ and the energy of a region
+// is
 //
 //   E(D) = ½ Δ·A Δ + b·Δ + φ/2 Σ_p |(λ(sym Dᵀ S_p) − kOpposed)₋|² + Σ_q V_q ψ(F_q + M_q Δ)
 //

@@ -29,6 +29,7 @@ from mjframes.volume.voxelize import LENGTHS
 
 MOST_LABELS = 1000  # of an image that has materials, not intensities
 
+
 class _Repeated(yaml.YAMLError):
     """A key that a mapping has twice."""
 

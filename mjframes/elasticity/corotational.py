@@ -2,11 +2,11 @@
 
     W   = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − OPPOSED)₋|²,   y_j = Rᵀ x_j − x̄_j
     f   = −R ∂W/∂y                        force [N], the exact −∂W/∂x
-    K   = R (H − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ        stiffness of a step [N/m], positive semi-definite: H = ∂²W/∂y² at fixed R, U = H Z
+    K   = R (H − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ        stiffness of a step [N/m], positive semi-definite; U = H Z
 
 F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p that of one of the frames that it has, λ(·) an eigenvalue. κ makes R
 well determined: K_e at rest does not know it. φ keeps frames from opposing their region and is zero in ordinary states.
-As the least of smooth functions of x, W is continuous, and has the gradient of the one that is least.
+H = ∂²W/∂y² at fixed R. As the least of smooth functions of x, W is continuous, and has the gradient of the least one.
 
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 
@@ -35,7 +35,9 @@ DESCENT = 1e-4  # [-] of the expected descent that a step has to find
 TRUST = 0.7  # [rad] longest step
 SINGULAR = 1e-8  # [-] of Zᵀ U
 
-CROSS = np.array([[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]])
+CROSS = np.array(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]]
+)
 
 
 def closest_rotation(deformation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,6 +101,69 @@ class LawCell:
 
 
 @dataclass(frozen=True, eq=False)
+class _Turn:
+    """W of a region, but for a constant, as a function of a turn D = 1 + Δ of z = Rᵀ x: y = y₀ + Δᵀ z.
+
+    curvature, slope: A (9, 9) and b (9,) of the quadratic part ½ Δ·A Δ + b·Δ [J].
+    firmness: φ [J].
+    stretches: S (3, 3) of what may oppose, before the turn.
+    cells: with F (3, 3) before the turn, and how Δ changes it (9, 9).
+    """
+
+    curvature: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    firmness: float
+    stretches: list[NDArray[np.float64]]
+    cells: list[tuple[LawCell, NDArray[np.float64], NDArray[np.float64]]]
+
+    def at(self, D: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Return W [J], and its slope (3,) and curvature (3, 3) in a for turns D exp([a]×)."""
+        delta = (D - np.eye(3)).ravel()
+        slope = self.curvature @ delta
+        total = float(delta @ (0.5 * slope + self.slope))
+        slope = slope + self.slope
+        columns = np.array([(D @ cross).ravel() for cross in CROSS]).T
+        twist = columns.T @ self.curvature @ columns
+        for before in self.stretches:
+            S = D.T @ before
+            of, by_stretch, curvature = opposition(S)
+            if of:
+                total += self.firmness * of
+                slope = slope + self.firmness * (before @ by_stretch).ravel()
+                change = np.array([(cross.T @ S).ravel() for cross in CROSS]).T
+                twist = twist + self.firmness * change.T @ curvature @ change
+        for cell, before, by_turn in self.cells:
+            F = before[None] + (by_turn @ delta).reshape(1, 3, 3)
+            total += cell.volume * float(energy(cell.law, F)[0])
+            slope = slope + cell.volume * by_turn.T @ stress(cell.law, F).ravel()
+            change = by_turn @ columns
+            twist = twist + cell.volume * change.T @ projected_hessian(cell.law, F)[0] @ change
+        moments = D.T @ slope.reshape(3, 3)
+        twist = twist + 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
+        return total, columns.T @ slope, twist
+
+    def descend(self, D: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Return the least W [J] that Newton's method finds from D, and where it is."""
+        total, slope, twist = self.at(D)
+        for _ in range(STEPS):
+            value, axes = np.linalg.eigh(twist)
+            size = np.maximum(np.abs(value), 1e-6 * np.abs(value).max() + 1e-300)
+            turn = -axes @ (axes.T @ slope / size)
+            length = float(np.linalg.norm(turn))
+            turn *= min(1.0, TRUST / max(length, 1e-300))
+            for _ in range(HALVINGS):
+                after = turned(D, turn)
+                found = self.at(after)
+                if length < CLOSE or found[0] <= total + DESCENT * turn @ slope:
+                    break
+                turn *= 0.5
+            D, (total, slope, twist) = after, found
+            if length < CLOSE:
+                break
+        return total, D
+
+
+@dataclass(frozen=True, eq=False)
 class CorotationalRegion:
     """A region with corotational elasticity.
 
@@ -139,18 +204,17 @@ class CorotationalRegion:
 
     def rotation(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R (3, 3), the rotation of least energy."""
+        x = self._centred(x)
         start = closest_rotation(x.T @ self.gradient)
-        least, best = self._descend(x, start)
-        z = x @ best
-        stretches = [z.T @ g for g in self.shown]
-        if all(np.linalg.eigvalsh(0.5 * (S + S.T))[0] >= OPPOSED for S in stretches):
-            return best
-        starts = [start @ np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
-        for some in starts + [closest_rotation(x.T @ g) for g in self.shown]:
-            found, rotation = self._descend(x, some)
-            if found < least:
-                least, best = found, rotation
-        return best
+        turn = self._turn(x @ start)
+        least, best = turn.descend(np.eye(3))
+        if opposing := [S for S in turn.stretches if opposition(best.T @ S)[0] > 0]:
+            halves = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
+            for some in halves + [closest_rotation(S) for S in opposing]:
+                found, rotation = turn.descend(some)
+                if found < least:
+                    least, best = found, rotation
+        return start @ best
 
     def spin(self, x: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ω (3,) [rad/s], dR/dt = R [ω]×, while the region's points at x (m, 3) [m] move by v (m, 3) [m/s].
@@ -178,7 +242,8 @@ class CorotationalRegion:
         inverse = np.linalg.pinv(stack.T @ product, rcond=SINGULAR, hermitian=True)
         slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
         turn = np.kron(np.eye(len(x)), rotation)
-        return -(turn @ slope).reshape(-1, 3), turn @ (curvature - product @ inverse @ product.T) @ turn.T
+        stiffness = turn @ (curvature - product @ inverse @ product.T) @ turn.T
+        return -(turn @ slope).reshape(-1, 3), 0.5 * (stiffness + stiffness.T)
 
     def _energy(
         self, z: NDArray[np.float64], projected: bool = False
@@ -212,27 +277,18 @@ class CorotationalRegion:
         moments = z.T @ slope.reshape(-1, 3)
         return stack.T @ curvature @ stack + 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
 
-    def _descend(self, x: NDArray[np.float64], rotation: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """The least W [J] near a rotation, and where it is."""
-        x = self._centred(x)
-        total, slope, curvature = self._energy(x @ rotation)
-        for _ in range(STEPS):
-            z = x @ rotation
-            torque = -cross_stack(z).T @ slope
-            value, axes = np.linalg.eigh(self._twist(z, slope, curvature))
-            size = np.maximum(np.abs(value), 1e-6 * np.abs(value).max() + 1e-300)
-            turn = -axes @ (axes.T @ torque / size)
-            turn *= min(1.0, TRUST / max(np.linalg.norm(turn), 1e-300))
-            for _ in range(HALVINGS):
-                after = turned(rotation, turn)
-                found = self._energy(x @ after)
-                if np.linalg.norm(turn) < CLOSE or found[0] <= total + DESCENT * turn @ torque:
-                    break
-                turn *= 0.5
-            rotation, (total, slope, curvature) = after, found
-            if np.linalg.norm(turn) < CLOSE:
-                break
-        return total, rotation
+    def _turn(self, z: NDArray[np.float64]) -> _Turn:
+        """W as a function of how z (m, 3) turns."""
+        y = (z - self._centred(self.rest)).ravel()
+        lever = np.einsum("jr,ab->jarb", z, np.eye(3)).reshape(y.size, 9)  # y for Δ, entry 3r + a
+        product = self.firm @ lever
+        return _Turn(
+            lever.T @ product,
+            product.T @ y,
+            OPPOSED_FIRMNESS * self.shear,
+            [z.T @ gradient for gradient in self.shown],
+            [(cell, cell.deformation(y)[0], cell.slope @ lever) for cell in self.cells],
+        )
 
     @staticmethod
     def _centred(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from mjframes.elasticity.corotational import (
 )
 from mjframes.scene.view import soft
 
-STATES = 100
+STATES = 24
 
 
 @cache
@@ -71,7 +71,7 @@ def test_force_is_minus_the_gradient_of_the_energy(region: CorotationalRegion) -
     """In every state: mirrored and folded ones, too."""
     rng = np.random.default_rng(0)
     step = 3e-7 * np.ptp(region.rest, axis=0).max()
-    for x in states(region, 0, 0.15)[:30]:
+    for x in states(region, 0, 0.15)[:12]:
         force, _ = region.response(x)
         along = rng.normal(size=x.shape)
         ahead, behind = (region.energy(x + s * step * along) for s in (1, -1))
@@ -79,25 +79,23 @@ def test_force_is_minus_the_gradient_of_the_energy(region: CorotationalRegion) -
         assert abs(slope + (force * along).sum()) < 2e-6 * np.linalg.norm(force)
 
 
-def test_energy_is_the_least_over_all_rotations(region: CorotationalRegion) -> None:
-    others = Rotation.random(300, rng=np.random.default_rng(1)).as_matrix()
-    for x in states(region, 1)[:6]:
+def test_energy_is_the_least_over_all_rotations(child: CorotationalRegion) -> None:
+    others = Rotation.random(100, rng=np.random.default_rng(1)).as_matrix()
+    for x in states(child, 1)[:3]:
         z = x - x.mean(axis=0)
-        least = region.energy(x)
-        assert min(region._energy(z @ R)[0] for R in others) > least * (1 - 1e-9)
+        least = child.energy(x)
+        assert min(child._energy(z @ R)[0] for R in others) > least * (1 - 1e-9)
 
 
-def test_energy_does_not_jump(region: CorotationalRegion) -> None:
+def test_energy_does_not_jump(child: CorotationalRegion) -> None:
     """Along a way through flat and mirrored states it changes by no more than forces explain."""
-    x, steps = region.rest, 400
-    size = np.ptp(x, axis=0).max()
+    x, steps = child.rest, 60
     flip = np.eye(3) - 2 * np.outer(*[np.array([0.6, 0.64, 0.48])] * 2)
     way = [x + t * (x @ flip - x) for t in np.linspace(0, 1, steps)]
-    energies = np.array([region.energy(p) for p in way])
-    slopes = np.array([-(region.response(p)[0] * (way[-1] - way[0])).sum() for p in way]) / (steps - 1)
+    energies = np.array([child.energy(p) for p in way])
+    slopes = np.array([-(child.response(p)[0] * (way[-1] - way[0])).sum() for p in way]) / (steps - 1)
     explained = 0.5 * (np.abs(slopes[1:]) + np.abs(slopes[:-1])) + 1e-9 * np.abs(energies).max()
     assert (np.abs(np.diff(energies)) < 1.5 * explained + 0.02 * np.ptp(energies)).all()
-    assert size > 0
 
 
 def test_force_and_torque_are_balanced(region: CorotationalRegion) -> None:
