@@ -26,6 +26,7 @@ inline constexpr double kOpposedFirmness = 3;
 inline constexpr int kTurnSteps = 40;        // of Newton's method for R; three or four are usual
 inline constexpr int kTurnHalvings = 20;     // of a step that does not go down
 inline constexpr double kTurnSlope = 1e-4;   // [-] of the expected descent that a step has to find
+inline constexpr double kTurnSure = 1e-5;    // [rad] a shorter step is not checked: energies differ by rounding
 inline constexpr double kSameShape = 1e-3;   // [-] of F at rest, to the identity: weights are rounded
 inline constexpr double kSameValue = 1e-12;  // [-] eigenvalues no farther apart count as one
 

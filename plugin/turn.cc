@@ -175,7 +175,7 @@ double Descend(const Turn& turn, Mat3* delta) {
     const double expected = -Dot(a, at.slope), length = Norm(a);
     if (!(length > 0)) return energy;
     Mat3 next = Turned(*delta, a);
-    if (length > kRotated) {
+    if (length > kTurnSure) {
       for (int halving = 0; halving < kTurnHalvings; halving++) {
         if (LandscapeAt(turn, next, false).energy <= energy - kTurnSlope * expected) break;
         a = 0.5 * a;

@@ -56,8 +56,6 @@ def _check_regions(body: SoftBody, k: int) -> list[int]:
     _numbers("stiffness.volume", stiffness.volume, (len(sizes),), least=0)
     _each("stiffness.gradient", stiffness.gradient, [(m, 3) for m in sizes])
     _each("stiffness.matrix", stiffness.matrix, [(3 * m, 3 * m) for m in sizes])
-    if stiffness.fallback:
-        _each("stiffness.fallback", stiffness.fallback, [(m, 3) for m in sizes])
     if stiffness.shares:
         _check_shares("stiffness.shares", body, stiffness.shares, sizes)
     if body.mass_difference:

@@ -30,7 +30,8 @@ from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_h
 OPPOSED = 0.4  # [-] eigenvalue of sym Rᵀ F_p below which a frame opposes its region
 TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 3.0  # [-] of κ and φ, to the mean stiffness against shear
 SHOWN = 1e-3  # [-] by which a gradient at rest may miss the identity
-STEPS, HALVINGS, CLOSE = 60, 30, 1e-9  # of Newton's method for R; [rad] a step that ends it
+STEPS, HALVINGS = 60, 30  # of Newton's method for R
+SURE, CLOSE = 1e-5, 1e-9  # [rad] a shorter step is not checked, or ends it
 DESCENT = 1e-4  # [-] of the expected descent that a step has to find
 TRUST = 0.7  # [rad] longest step
 SINGULAR = 1e-8  # [-] of Zᵀ U
@@ -154,7 +155,7 @@ class _Turn:
             for _ in range(HALVINGS):
                 after = turned(D, turn)
                 found = self.at(after)
-                if length < CLOSE or found[0] <= total + DESCENT * turn @ slope:
+                if length < SURE or found[0] <= total + DESCENT * turn @ slope:
                     break
                 turn *= 0.5
             D, (total, slope, twist) = after, found

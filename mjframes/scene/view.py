@@ -282,7 +282,7 @@ class Soft:
 
     def positions(self, points: ArrayLike) -> np.ndarray:
         """Return the positions (n, 3) of material points, in the world [m]."""
-        return self.data.xpos[self.holder] + self._at(points).positions(self.regions, self._local) @ self._axes.T
+        return self.data.xpos[self.holder] + self._at(points).positions(self._elastic[1], self._local) @ self._axes.T
 
     def velocities(self, points: ArrayLike) -> np.ndarray:
         """Return the velocities (n, 3) of material points, in the world [m/s]."""
@@ -291,8 +291,8 @@ class Soft:
         arms = self.control_positions - self.data.xpos[self.holder]
         carried = np.asarray(np.cross(twist[:3], arms), np.float64)
         own = (self.control_velocities - twist[3:] - carried) @ self._axes  # as the holder sees it
-        seen = some.velocities(self.regions, self._local, own) @ self._axes.T
-        away = some.positions(self.regions, self._local) @ self._axes.T
+        seen = some.velocities(self._elastic[1], self._local, own) @ self._axes.T
+        away = some.positions(self._elastic[1], self._local) @ self._axes.T
         return twist[3:] + np.cross(twist[:3], away) + seen
 
     def apply_force(self, points: ArrayLike, forces: ArrayLike) -> None:
@@ -304,7 +304,7 @@ class Soft:
         some, force = self._at(points), np.asarray(forces, np.float64)
         if force.shape != some.offset.shape or not np.isfinite(force).all():
             raise MjframesError(f"forces have the shape {force.shape}; give one (x, y, z) in newtons for each point.")
-        on_points = some.control_forces(self.regions, self._local, force @ self._axes) @ self._axes.T
+        on_points = some.control_forces(self._elastic[1], self._local, force @ self._axes) @ self._axes.T
         for body, at, push in zip(self.bodies.tolist(), self.control_positions, on_points, strict=True):
             mujoco.mj_applyFT(self.model, self.data, push, np.zeros(3), at, body, self.data.qfrc_applied)
         torque = np.cross(some.offset @ self._axes.T, force).sum(
@@ -315,7 +315,7 @@ class Soft:
 
     def deformation_gradients(self, points: ArrayLike) -> np.ndarray:
         """Return F (n, 3, 3) at material points: from volume coordinates to the world, the body's rotation included."""
-        return self._axes @ self._at(points).deformation_gradients(self.regions, self._local)
+        return self._axes @ self._at(points).deformation_gradients(self._elastic[1], self._local)
 
     def strains(self, points: ArrayLike) -> np.ndarray:
         """Return Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
@@ -328,13 +328,13 @@ class Soft:
         Elastic stress, without damping.
         """
         some = self._at(points)
-        stress = self._factors[some.factor, None, None] * some.response(self.regions, self._local)[0]
+        stress = self._factors[some.factor, None, None] * some.response(self._elastic[1], self._local)[0]
         return self._axes @ stress @ self._axes.T
 
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
         """Return the strain energy per volume at rest (n,) at material points [J/m³]."""
         some = self._at(points)
-        return self._factors[some.factor] * some.response(self.regions, self._local)[1]
+        return self._factors[some.factor] * some.response(self._elastic[1], self._local)[1]
 
     @property
     def materials(self) -> dict[int, str]:

@@ -46,7 +46,7 @@ def edited(key: str, pattern: str, replacement: str) -> str:
 
 
 DAMAGED = {
-    "another version": ("version", "6", "99", "its data has version '99', this plugin reads version 6"),
+    "another version": ("version", "7", "99", "its data has version '99', this plugin reads version 7"),
     "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
     "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
     "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),
