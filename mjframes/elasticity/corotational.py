@@ -62,16 +62,15 @@ def turned(rotation: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[
 def opposition(stretch: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Return ½ |(λ(sym S) − OPPOSED)₋|² of S (3, 3), its slope (3, 3) and curvature (9, 9) in S."""
     value, vector = np.linalg.eigh(0.5 * (stretch + stretch.T))
+    if value[0] >= OPPOSED:
+        return 0.0, np.zeros((3, 3)), np.zeros((9, 9))
     below = np.minimum(value - OPPOSED, 0)
-    curvature = np.zeros((9, 9))
-    for n in range(3):
-        for k in range(3):
-            apart = value[n] - value[k]
-            secant = (below[n] - below[k]) / apart if abs(apart) > 1e-12 else float(below[n] < 0)
-            mode = np.outer(vector[:, n], vector[:, k])
-            mode = 0.5 * (mode + mode.T).ravel()
-            curvature += secant * np.outer(mode, mode)
-    return 0.5 * float(below @ below), (vector * below) @ vector.T, curvature
+    apart = value[:, None] - value
+    close = np.abs(apart) < 1e-12
+    secant = np.where(close, below < 0, (below[:, None] - below) / np.where(close, 1, apart))
+    mode = np.einsum("an,bk->nkab", vector, vector)
+    mode = 0.5 * (mode + mode.swapaxes(2, 3)).reshape(9, 9)
+    return 0.5 * float(below @ below), (vector * below) @ vector.T, mode.T @ (secant.reshape(9, 1) * mode)
 
 
 def shear_stiffness(rest: NDArray[np.float64], stiffness: NDArray[np.float64]) -> float:
@@ -152,12 +151,14 @@ class _Turn:
             turn = -axes @ (axes.T @ slope / size)
             length = float(np.linalg.norm(turn))
             turn *= min(1.0, TRUST / max(length, 1e-300))
+            after = turned(D, turn)
+            found = self.at(after)
             for _ in range(HALVINGS):
-                after = turned(D, turn)
-                found = self.at(after)
                 if length < SURE or found[0] <= total + DESCENT * turn @ slope:
                     break
                 turn *= 0.5
+                after = turned(D, turn)
+                found = self.at(after)
             D, (total, slope, twist) = after, found
             if length < CLOSE:
                 break
@@ -243,8 +244,8 @@ class CorotationalRegion:
         inverse = np.linalg.pinv(stack.T @ product, rcond=SINGULAR, hermitian=True)
         slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
         turn = np.kron(np.eye(len(x)), rotation)
-        stiffness = turn @ (curvature - product @ inverse @ product.T) @ turn.T
-        return -(turn @ slope).reshape(-1, 3), 0.5 * (stiffness + stiffness.T)
+        apart = (np.eye(x.size) - stack @ inverse @ product.T) @ turn.T  # H − U (Zᵀ U)⁻¹ Uᵀ, without its rounding
+        return -(turn @ slope).reshape(-1, 3), apart.T @ curvature @ apart
 
     def _energy(
         self, z: NDArray[np.float64], projected: bool = False

@@ -33,7 +33,7 @@ def robot(tmp_path: Path) -> Path:
 
 def built(folder: Path, *options: str) -> int:
     files = [str(folder / "block.npz"), "--into", str(folder / "robot.xml"), "-o", str(folder / "out.xml")]
-    return main(["build", *files, *PLACE, *options])
+    return main(["build", *files, *PLACE, "--frames", "3", *options])
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from mjframes.elasticity.corotational import (
 )
 from mjframes.scene.view import soft
 
-STATES = 24
+STATES = 9
 
 
 @cache
