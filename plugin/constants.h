@@ -23,6 +23,8 @@ inline constexpr double kOpposed = 0.4;
 // closest rotation jumps; at 1 a region that is stretched to twice its length would turn rather than stretch further.
 inline constexpr double kTwistFirmness = 3;
 inline constexpr double kOpposedFirmness = 3;
+// [-] of the same eigenvalue, above which the rotation of least energy near the closest one is taken for the least.
+inline constexpr double kFolded = 0.1;
 inline constexpr int kTurnSteps = 40;        // of Newton's method for R; three or four are usual
 inline constexpr int kTurnHalvings = 20;     // of a step that does not go down
 inline constexpr double kTurnSlope = 1e-4;   // [-] of the expected descent that a step has to find

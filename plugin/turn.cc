@@ -231,8 +231,12 @@ bool Opposes(const Mat3& S, double firmness, Opposition* of) {
 Mat3 LeastTurn(const Turn& turn, bool everywhere) {
   Mat3 best{};
   double least = Descend(turn, &best);
-  if (!everywhere) return best;
   const Mat3 near = PlusOne(best);
+  for (int p = 0; p < turn.frames && everywhere; p++) {
+    if (SmallestEigenvalue(Mul(Transpose(near), turn.frame[p])) < kFolded) break;
+    everywhere = p + 1 < turn.frames;
+  }
+  if (!everywhere) return best;
   const auto from = [&](Mat3 delta) {
     const double energy = Descend(turn, &delta);
     if (!(energy < least)) return;

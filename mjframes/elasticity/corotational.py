@@ -28,6 +28,7 @@ from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_h
 
 # each as in plugin/, where they are explained
 OPPOSED = 0.4  # [-] eigenvalue of sym Rᵀ F_p below which a frame opposes its region
+FOLDED = 0.1  # [-] the same, below which rotations farther away are tried
 TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 3.0  # [-] of κ and φ, to the mean stiffness against shear
 SHOWN = 1e-3  # [-] by which a gradient at rest may miss the identity
 STEPS, HALVINGS = 60, 30  # of Newton's method for R
@@ -210,7 +211,8 @@ class CorotationalRegion:
         start = closest_rotation(x.T @ self.gradient)
         turn = self._turn(x @ start)
         least, best = turn.descend(np.eye(3))
-        if opposing := [S for S in turn.stretches if opposition(best.T @ S)[0] > 0]:
+        opposing = [S for S in turn.stretches if opposition(best.T @ S)[0] > 0]
+        if any(np.linalg.eigvalsh(best.T @ S + S.T @ best)[0] < 2 * FOLDED for S in opposing):
             halves = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
             for some in halves + [closest_rotation(S) for S in opposing]:
                 found, rotation = turn.descend(some)
