@@ -80,6 +80,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
         for (int e = 0; e < 27; e++) slope[kWideLanes * e] = cell.slope[3 * (e / 3 * region.size() + j) + e % 3];
       }
     }
+    batch.frames = std::max(batch.frames, static_cast<int>(region.frame_end.size()) + 1);
     for (const int32_t end : region.frame_end) batch.ends[kWideLanes * (end - 1) + lane] = 1;
   }
   return batch;
@@ -115,6 +116,7 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   for (const RegionBatch& batch : batches) {
     points = std::max(points, static_cast<size_t>(batch.size));
     cells = std::max(cells, static_cast<size_t>(batch.cells));
+    frames = std::max(frames, batch.frames);
     curved.resize(std::max(curved.size(), batch.slope.size()));
   }
   const size_t lanes = kWideLanes * points;
@@ -123,10 +125,10 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   moment.resize(27 * lanes);
   product.resize(12 * lanes);
   g.resize(9 * lanes);
-  turn.frame.resize(points + 1);
+  turn.frame.resize(frames + 1);
   turn.cells.resize((cells + kLanes - 1) / kLanes);
-  opposed.resize(lanes + kWideLanes);
-  opposes.resize(lanes + kWideLanes);
+  opposed.resize(kWideLanes * frames);
+  opposes.resize(kWideLanes * frames);
 }
 
 std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions) {

@@ -87,6 +87,7 @@ struct RegionBatch {
   std::vector<double> ends;      // 1 at the last point of a frame with such gradients, else 0 (m)
   std::vector<int32_t> pair;     // as in Region, −1 for blocks that fill up                  (m(m+1)/2)
   Law law;                       // of the cells
+  int frames = 1;                // that may oppose a region, itself among them, at most
   int cells;                     // q, of the region with most; those that fill up have no volume
   std::vector<double> volume;    // of each cell                                              (q)
   std::vector<double> slope;     // E_q, by point: row 3r + a for F_ra                (q × m × 9 × 3)
@@ -117,6 +118,7 @@ struct BatchScratch {
   Turn turn;                        // of one region
   std::vector<Opposition> opposed;  // of the frames of each lane, the region itself first
   std::vector<char> opposes;        // whether they do
+  int frames = 1;                   // of a region, itself among them, at most
 };
 
 // What of all regions is asked for: each is added to where it is given.

@@ -256,7 +256,7 @@ bool Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V*
   }
   bool any = false;
   for (int p = 0; p < turn.frames; p++) {
-    const size_t n = (half.batch.size + 1) * static_cast<size_t>(at) + p;
+    const size_t n = scratch->frames * static_cast<size_t>(at) + p;
     scratch->opposes[n] = Opposes(Mul(Transpose(D), turn.frame[p]), turn.firmness, &scratch->opposed[n]);
     any = any || scratch->opposes[n];
   }
@@ -268,7 +268,7 @@ template <typename V, typename Act>
 void ForOpposed(const Half<V>& half, int lane, const BatchScratch& scratch, const Act& act) {
   const RegionBatch& batch = half.batch;
   const int at = half.first + lane;
-  size_t n = (batch.size + 1) * static_cast<size_t>(at);
+  size_t n = scratch.frames * static_cast<size_t>(at);
   if (batch.solid[at]) {
     if (scratch.opposes[n]) act(scratch.opposed[n], batch.gradient, 0, half.size);
     n++;
