@@ -153,12 +153,8 @@ MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
     const V square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
     good = good && H[0] > floor && minor2 > floor * H[0] && determinant > floor * minor2 &&
            4.0 * square < kTrustRadius * kTrustRadius;
-    const V twice = 2.0 / (1.0 + square);
-    const V x = q[0], y = q[1], z = q[2];
-    const V turn[9] = {-twice * (y * y + z * z), twice * (x * y - z),      twice * (x * z + y),
-                       twice * (x * y + z),      -twice * (x * x + z * z), twice * (y * z - x),
-                       twice * (x * z - y),      twice * (y * z + x),      -twice * (x * x + y * y)};
-    V more[9];
+    V turn[9], more[9];
+    CayleyTurn(q, turn);
     Mul3(D, turn, more);
     for (int e = 0; e < 9; e++) delta[e] += more[e];
     close = 4.0 * square < kRotated * kRotated;

@@ -28,6 +28,23 @@ MJFRAMES_INLINE Mask<V> EigenvaluesExceed(const V* S, const V& bound) {
   return a > 0.0 && minor2 > 0.0 && c * minor2 + xz * (2.0 * xy * yz - b * xz) - a * yz * yz > 0.0;
 }
 
+// Cayley's map less the identity, 2 ([q]× + [q]×²) / (1 + |q|²): an exact rotation by about 2 q [rad], precise for
+// small q.
+template <typename V>
+MJFRAMES_INLINE void CayleyTurn(const V* q, V* turn) {
+  const V x = q[0], y = q[1], z = q[2];
+  const V twice = 2.0 / (1.0 + (x * x + y * y + z * z));
+  turn[0] = -twice * (y * y + z * z);
+  turn[1] = twice * (x * y - z);
+  turn[2] = twice * (x * z + y);
+  turn[3] = twice * (x * y + z);
+  turn[4] = -twice * (x * x + z * z);
+  turn[5] = twice * (y * z - x);
+  turn[6] = twice * (x * z - y);
+  turn[7] = twice * (y * z + x);
+  turn[8] = -twice * (x * x + y * y);
+}
+
 // Rotations closest to F by Newton's iteration from R, see rotation.cc; lanes where it fails start anew.
 template <typename V>
 MJFRAMES_INLINE void FollowRotation(const V* F, V* R) {
@@ -53,13 +70,9 @@ MJFRAMES_INLINE void FollowRotation(const V* F, V* R) {
     const V square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
     good = good && H[0] > floor && minor2 > floor * H[0] && determinant > floor * minor2 &&
            4.0 * square < kTrustRadius * kTrustRadius;
-    // Cayley's map, an exact rotation: I + 2 ([q]× + [q]×²) / (1 + |q|²)
-    const V twice = 2.0 / (1.0 + square);
-    const V x = q[0], y = q[1], z = q[2];
-    const V turn[9] = {1.0 - twice * (y * y + z * z), twice * (x * y - z),           twice * (x * z + y),
-                       twice * (x * y + z),           1.0 - twice * (x * x + z * z), twice * (y * z - x),
-                       twice * (x * z - y),           twice * (y * z + x),           1.0 - twice * (x * x + y * y)};
-    V turned[9];
+    V turn[9], turned[9];
+    CayleyTurn(q, turn);
+    for (int e = 0; e < 9; e += 4) turn[e] += 1.0;
     Mul3(R, turn, turned);
     for (int e = 0; e < 9; e++) R[e] = turned[e];
     close = 4.0 * square < kRotated * kRotated;

@@ -137,15 +137,12 @@ Landscape LandscapeAt(const Turn& turn, const Mat3& delta, bool curved) {
   return of;
 }
 
-// Δ of D (1 + Δ') exp([a]×), as Cayley's map, which is an exact rotation.
+// Δ of a further turn by a, as Cayley's map.
 Mat3 Turned(const Mat3& delta, const Vec3& a) {
   const Vec3 q = 0.5 * a;
-  const double twice = 2 / (1 + Dot(q, q));
-  const Mat3 cross = {0, -q[2], q[1], q[2], 0, -q[0], -q[1], q[0], 0};
-  Mat3 turn = Mul(cross, cross);
-  for (int e = 0; e < 9; e++) turn[e] = twice * (cross[e] + turn[e]);
+  Mat3 turn, sum;
+  CayleyTurn(q.data(), turn.data());
   const Mat3 more = Mul(PlusOne(delta), turn);
-  Mat3 sum;
   for (int e = 0; e < 9; e++) sum[e] = delta[e] + more[e];
   return sum;
 }

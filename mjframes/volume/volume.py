@@ -329,7 +329,7 @@ class Volume:
         """
         low, high = _vector("lower", lower), _vector("upper", upper)
         centers = self.centers
-        found = ((centers >= low) & (centers <= high)).all(axis=1)
+        found = np.all((centers >= low) & (centers <= high), axis=1)
         if not found.any():
             ends = " to ".join(str(np.round(end, 6).tolist()) for end in (centers.min(axis=0), centers.max(axis=0)))
             raise MjframesError(

@@ -653,7 +653,7 @@ def test_a_packed_scene_reads_no_files_of_the_disk(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["nq", "geom_type", "__class__.x", "opt.iterations", "vis.global_.nothing"])
 def test_numbers_of_a_packed_scene_are_those_of_its_model(name: str) -> None:
     stream = io.BytesIO()
-    np.savez(stream, **{name: np.zeros(1)})
+    np.savez(stream, allow_pickle=False, **{name: np.zeros(1)})
     with pytest.raises(MjframesError, match="the numbers of its scene are damaged"):
         unpack({SCENE: ROOM.encode(), NUMBERS: stream.getvalue()}, "the log")
 

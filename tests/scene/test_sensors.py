@@ -159,6 +159,15 @@ def test_energies_need_no_more_than_mjcf() -> None:
     assert data.sensor("energy").data[0] == pytest.approx(mf.soft(model, data, "meat").kinetic_energy, rel=1e-10)
 
 
+def assert_refused(quantity: str, change: dict[str, str], words: str) -> None:
+    """A sensor of this quantity with other attributes."""
+    spec = sensed(block())
+    instance = next(other for other in spec.plugins if other.name == f"meat_{quantity}")
+    instance.config = dict(instance.config) | change
+    with pytest.raises(ValueError, match=words):
+        spec.compile()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -170,11 +179,7 @@ def test_energies_need_no_more_than_mjcf() -> None:
     ],
 )
 def test_a_damaged_sensor_is_refused(change: dict[str, str], words: str) -> None:
-    spec = sensed(block())
-    instance = next(other for other in spec.plugins if other.name == "meat_stress")
-    instance.config = dict(instance.config) | change
-    with pytest.raises(ValueError, match=words):
-        spec.compile()
+    assert_refused("stress", change, words)
 
 
 @pytest.mark.parametrize("object_name", ["other", ""])
@@ -288,8 +293,4 @@ def _state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     ],
 )
 def test_a_damaged_sensor_of_positions_is_refused(change: dict[str, str], words: str) -> None:
-    spec = sensed(block())
-    instance = next(other for other in spec.plugins if other.name == "meat_position")
-    instance.config = dict(instance.config) | change
-    with pytest.raises(ValueError, match=words):
-        spec.compile()
+    assert_refused("position", change, words)
