@@ -164,7 +164,7 @@ MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
   return found;
 }
 
-// The lanes where no frame, nor the region itself, opposes it after the turn D.
+// The lanes where no frame, nor the region itself, opposes it after the turn D, and one shows that.
 template <typename V>
 MJFRAMES_INLINE Mask<V> Agree(const Half<V>& half, const double* z, const V* D) {
   const RegionBatch& batch = half.batch;
@@ -174,16 +174,18 @@ MJFRAMES_INLINE Mask<V> Agree(const Half<V>& half, const double* z, const V* D) 
     for (int e = 0; e < 9; e++) S[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.gradient.data(), 3 * j + e % 3);
   }
   MulT3(D, S, turned);
-  auto agree = EigenvaluesExceed(turned, bound) || !(Load<V>(batch.solid + half.first) > 0.0);
+  auto shown = Load<V>(batch.solid + half.first) > 0.0;
+  auto agree = EigenvaluesExceed(turned, bound) || !shown;
   for (int j = 0; j < half.size && !batch.own.empty(); j++) {
     for (int e = 0; e < 9; e++) of_frame[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.own.data(), 3 * j + e % 3);
     const auto ends = half.Of(batch.ends.data(), j) > 0.0;
     if (!Any<V>(ends)) continue;
     MulT3(D, of_frame, turned);
     agree = agree && (!ends || EigenvaluesExceed(turned, bound));
+    shown = shown || ends;
     for (V& s : of_frame) s = ends ? V{} : s;
   }
-  return agree;
+  return agree && shown;
 }
 
 // S of the region itself and of each of its frames, of one lane.
@@ -533,9 +535,12 @@ MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const Bat
   }
 }
 
-// R (K_jk − U_j (Zᵀ U)⁻¹ U_kᵀ) Rᵀ of all blocks
+// R (K_jk − U_j (Zᵀ U)⁻¹ U_kᵀ) Rᵀ of all blocks, `firmer` times
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, const Wanted& wanted) {
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firmer, const BatchScratch& scratch,
+                                  const Wanted& wanted) {
+  V scaled[9];
+  for (int e = 0; e < 9; e++) scaled[e] = firmer * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
@@ -552,7 +557,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchSc
         }
       }
       for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
-      Mul3(R, block, left);
+      Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
         const V* axis = R + e % 3 * 3;
@@ -587,6 +592,7 @@ void AddOpposedStiffness(const Half<V>& half, int lane, const Mat3& R, const Bat
         const int32_t pair = batch.pair[kWideLanes * (static_cast<size_t>(j) * (j + 1) / 2 + k) + at];
         if (pair < 0) continue;
         block = Mul(Mul(R, block), Transpose(R));
+        for (double& b : block) b *= kOpposedStep;
         for (int e = 0; e < 9; e++) {
           wanted.stiffness[9 * static_cast<size_t>(pair) + e] += block[e];
           if (wanted.enlarged) wanted.enlarged[9 * static_cast<size_t>(pair) + e] += batch.enlargement[at] * block[e];
@@ -632,7 +638,9 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     AddForce(half, turned, inverse, *scratch, wanted.force);
     if (!wanted.stiffness) continue;
     Correct(half, inverse, scratch);
-    AddStiffness(half, turned, *scratch, wanted);
+    V firmer = Fill<V>(1);
+    for (int lane = 0; lane < regions; lane++) firmer[lane] = opposed[lane] ? kOpposedStep : 1;
+    AddStiffness(half, turned, firmer, *scratch, wanted);
     for (int lane = 0; lane < regions; lane++) {
       if (opposed[lane]) AddOpposedStiffness(half, lane, LaneOf(turned, lane), *scratch, wanted);
     }

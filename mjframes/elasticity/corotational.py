@@ -2,7 +2,8 @@
 
     W   = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − OPPOSED)₋|²,   y_j = Rᵀ x_j − x̄_j
     f   = −R ∂W/∂y                        force [N], the exact −∂W/∂x
-    K   = R (H − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ        stiffness of a step [N/m], positive semi-definite; U = H Z
+    K   = R (H − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ        stiffness of a step [N/m], positive semi-definite; U = H Z;
+                                          twice that where a frame opposes
 
 F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p that of one of the frames that it has, λ(·) an eigenvalue. κ makes R
 well determined: K_e at rest does not know it. φ keeps frames from opposing their region and is zero in ordinary states.
@@ -28,6 +29,7 @@ from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_h
 
 # each as in plugin/, where they are explained
 OPPOSED = 0.4  # [-] eigenvalue of sym Rᵀ F_p below which a frame opposes its region
+OPPOSED_STEP = 2.0  # [-] of the stiffness in a step, where a frame opposes its region
 FOLDED = 0.1  # [-] the same, below which rotations farther away are tried
 TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 3.0  # [-] of κ and φ, to the mean stiffness against shear
 SHOWN = 1e-3  # [-] by which a gradient at rest may miss the identity
@@ -212,7 +214,8 @@ class CorotationalRegion:
         turn = self._turn(x @ start)
         least, best = turn.descend(np.eye(3))
         opposing = [S for S in turn.stretches if opposition(best.T @ S)[0] > 0]
-        if any(np.linalg.eigvalsh(best.T @ S + S.T @ best)[0] < 2 * FOLDED for S in opposing):
+        folded = any(np.linalg.eigvalsh(best.T @ S + S.T @ best)[0] < 2 * FOLDED for S in opposing)
+        if folded or not turn.stretches:  # or nothing shows it
             halves = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
             for some in halves + [closest_rotation(S) for S in opposing]:
                 found, rotation = turn.descend(some)
@@ -247,7 +250,8 @@ class CorotationalRegion:
         slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
         turn = np.kron(np.eye(len(x)), rotation)
         apart = (np.eye(x.size) - stack @ inverse @ product.T) @ turn.T  # H − U (Zᵀ U)⁻¹ Uᵀ, without its rounding
-        return -(turn @ slope).reshape(-1, 3), apart.T @ curvature @ apart
+        opposed = any(opposition(z.T @ gradient)[0] > 0 for gradient in self.shown)
+        return -(turn @ slope).reshape(-1, 3), (OPPOSED_STEP if opposed else 1.0) * apart.T @ curvature @ apart
 
     def _energy(
         self, z: NDArray[np.float64], projected: bool = False
