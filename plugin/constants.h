@@ -25,8 +25,8 @@ inline constexpr double kTwistFirmness = 3;
 inline constexpr double kOpposedFirmness = 3;
 // [-] of the same eigenvalue, above which the rotation of least energy near the closest one is taken for the least.
 inline constexpr double kFolded = 0.1;
-// [-] of the stiffness in a step, where a frame opposes: shorter steps do not overshoot while regions turn. Of 1, 2 and 4
-// only 2 lets rigid frames return from every state of the tests.
+// [-] of the stiffness in a step, where a frame opposes: shorter steps do not overshoot while regions turn. Of 1, 2 and
+// 4 only 2 lets rigid frames return from every state of the tests.
 inline constexpr double kOpposedStep = 2;
 inline constexpr int kTurnSteps = 40;        // of Newton's method for R; three or four are usual
 inline constexpr int kTurnHalvings = 20;     // of a step that does not go down
