@@ -113,6 +113,7 @@ void FillLane(const Region& region, const double* stiffness, const double* facto
 
 BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   size_t points = 0, cells = 0;
+  int frames = 1;  // of a region, itself among them, at most
   for (const RegionBatch& batch : batches) {
     points = std::max(points, static_cast<size_t>(batch.size));
     cells = std::max(cells, static_cast<size_t>(batch.cells));
@@ -127,8 +128,6 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   g.resize(9 * lanes);
   turn.frame.resize(frames + 1);
   turn.cells.resize((cells + kLanes - 1) / kLanes);
-  opposed.resize(kWideLanes * frames);
-  opposes.resize(kWideLanes * frames);
 }
 
 std::vector<RegionBatch> BatchesOf(const std::vector<Region>& regions) {

@@ -117,9 +117,6 @@ struct BatchScratch {
   std::vector<double> curved;       // V_q H_q E_q, as a batch's slope         (q × m × 9 × 3 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
   Turn turn;                        // of one region
-  std::vector<Opposition> opposed;  // of the frames of each lane, the region itself first
-  std::vector<char> opposes;        // whether they do
-  int frames = 1;                   // of a region, itself among them, at most
 };
 
 // What of all regions is asked for: each is added to where it is given.

@@ -236,14 +236,13 @@ void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
   }
 }
 
-// Searches for the Δ of one lane, and keeps which of its frames oppose it there; whether any does.
+// Searches for the Δ of one lane; whether any of its frames opposes it there.
 template <typename V>
 bool Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V* b, V* delta, BatchScratch* scratch) {
   Turn& turn = scratch->turn;
-  const int at = half.first + lane;
   for (int e = 0; e < 81; e++) turn.curvature[e] = A[e][lane];
   for (int e = 0; e < 9; e++) turn.slope[e] = b[e][lane];
-  turn.firmness = half.moduli.firmness[at];
+  turn.firmness = half.moduli.firmness[half.first + lane];
   turn.frames = FramesOf(half, lane, scratch->z.data(), turn.frame.data());
   CellsOf(half, lane, scratch->z.data(), &turn);
   const Mat3 found = LeastTurn(turn, everywhere);
@@ -252,29 +251,33 @@ bool Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V*
     delta[e][lane] = found[e];
     D[e] += kIdentity[e];
   }
-  bool any = false;
+  Opposition of;
   for (int p = 0; p < turn.frames; p++) {
-    const size_t n = scratch->frames * static_cast<size_t>(at) + p;
-    scratch->opposes[n] = Opposes(Mul(Transpose(D), turn.frame[p]), turn.firmness, &scratch->opposed[n]);
-    any = any || scratch->opposes[n];
+    if (Opposes(Mul(Transpose(D), turn.frame[p]), turn.firmness, &of)) return true;
   }
-  return any;
+  return false;
 }
 
-// Calls act(opposition, gradients, first point, one after the last) for all that oppose one lane's region.
+// Calls act(opposition, S, gradients, first point, one after the last) for all that oppose one lane's region after its
+// turn.
 template <typename V, typename Act>
 void ForOpposed(const Half<V>& half, int lane, const BatchScratch& scratch, const Act& act) {
   const RegionBatch& batch = half.batch;
   const int at = half.first + lane;
-  size_t n = scratch.frames * static_cast<size_t>(at);
-  if (batch.solid[at]) {
-    if (scratch.opposes[n]) act(scratch.opposed[n], batch.gradient, 0, half.size);
-    n++;
-  }
+  Opposition of;
+  const auto look = [&](const std::vector<double>& gradient, int begin, int end) {
+    Mat3 S{};
+    for (int j = begin; j < end; j++) {
+      for (int e = 0; e < 9; e++) {
+        S[e] += scratch.z[kWideLanes * (3 * j + e / 3) + at] * gradient[kWideLanes * (3 * j + e % 3) + at];
+      }
+    }
+    if (Opposes(S, half.moduli.firmness[at], &of)) act(of, S, gradient, begin, end);
+  };
+  if (batch.solid[at] > 0) look(batch.gradient, 0, half.size);
   for (int j = 0, begin = 0; j < half.size && !batch.own.empty(); j++) {
     if (!(batch.ends[kWideLanes * j + at] > 0)) continue;
-    if (scratch.opposes[n]) act(scratch.opposed[n], batch.own, begin, j + 1);
-    n++;
+    look(batch.own, begin, j + 1);
     begin = j + 1;
   }
 }
@@ -381,19 +384,13 @@ template <typename V>
 double AddOpposed(const Half<V>& half, int lane, BatchScratch* scratch) {
   const int at = half.first + lane;
   double energy = 0;
-  const auto entry = [&](double* array, size_t e) -> double& { return array[kWideLanes * e + at]; };
-  ForOpposed(half, lane, *scratch, [&](const Opposition& of, const std::vector<double>& gradient, int begin, int end) {
+  const auto add = [&](const Opposition& of, const Mat3& S, const std::vector<double>& gradient, int begin, int end) {
     energy += of.energy;
-    Mat3 S{};
     const auto g = [&](int j) {
       Vec3 gj;
       for (int a = 0; a < 3; a++) gj[a] = gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at];
       return gj;
     };
-    for (int j = begin; j < end; j++) {
-      const Vec3 gj = g(j);
-      for (int e = 0; e < 9; e++) S[e] += entry(scratch->z.data(), 3 * j + e / 3) * gj[e % 3];
-    }
     Mat3 column[4] = {of.slope};
     for (int c = 0; c < 3; c++) {
       Vec3 axis{};
@@ -408,10 +405,11 @@ double AddOpposed(const Half<V>& half, int lane, BatchScratch* scratch) {
       const Vec3 gj = g(j);
       for (int c = 0; c < 4; c++) {
         const Vec3 added = Mul(column[c], gj);
-        for (int r = 0; r < 3; r++) entry(scratch->product.data(), 12 * j + 3 * c + r) += added[r];
+        for (int r = 0; r < 3; r++) scratch->product[kWideLanes * (12 * j + 3 * c + r) + at] += added[r];
       }
     }
-  });
+  };
+  ForOpposed(half, lane, *scratch, add);
   return energy;
 }
 
@@ -571,13 +569,13 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
   }
 }
 
-// R K Rᵀ of the opposing frames of one lane.
+// R K Rᵀ of the opposing frames of one lane, kOpposedStep times
 template <typename V>
 void AddOpposedStiffness(const Half<V>& half, int lane, const Mat3& R, const BatchScratch& scratch,
                          const Wanted& wanted) {
   const RegionBatch& batch = half.batch;
   const int at = half.first + lane;
-  ForOpposed(half, lane, scratch, [&](const Opposition& of, const std::vector<double>& gradient, int begin, int end) {
+  const auto add = [&](const Opposition& of, const Mat3&, const std::vector<double>& gradient, int begin, int end) {
     const auto g = [&](int j, int a) { return gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at]; };
     for (int j = begin; j < end; j++) {
       double row[27] = {};  // Σ_a C[(r, a), n] g_ja
@@ -599,7 +597,8 @@ void AddOpposedStiffness(const Half<V>& half, int lane, const Mat3& R, const Bat
         }
       }
     }
-  });
+  };
+  ForOpposed(half, lane, scratch, add);
 }
 
 template <typename V>
