@@ -55,9 +55,10 @@ inline constexpr int kRotationSteps = 8;      // quadratic convergence: a guess 
 inline constexpr double kRotated = 1e-8;      // [rad] quadratic convergence: the next correction is below rounding
 inline constexpr double kTrustRadius = 0.7;   // [rad] longest Newton correction that is followed
 inline constexpr double kMinTwist = 1e-6;     // [-] relative to |F|: below, Newton's matrix is useless
-inline constexpr int kJacobiSweeps = 12;      // a 4×4 symmetric matrix needs at most 6
+inline constexpr int kJacobiSweeps = 12;      // a symmetric matrix of 3 or 4 rows needs at most 6
 inline constexpr int kSvdSweeps = 8;          // a 3×3 matrix needs 3 to 5
-inline constexpr double kOrthogonal = 1e-30;  // [-] squared cosine between columns that counts as zero
+inline constexpr double kOrthogonal = 1e-30;  // [-] squared cosine between columns that counts as zero; of a matrix,
+                                              // its share beside the diagonal
 
 // Kinematics and elimination (kinematics.h, elimination.h)
 

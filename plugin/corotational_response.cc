@@ -391,15 +391,11 @@ double AddOpposed(const Half<V>& half, int lane, BatchScratch* scratch) {
       for (int a = 0; a < 3; a++) gj[a] = gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at];
       return gj;
     };
-    Mat3 column[4] = {of.slope};
+    Mat3 column[4] = {of.Slope()};
     for (int c = 0; c < 3; c++) {
       Vec3 axis{};
       axis[c] = 1;
-      const Mat3 change = Mul(Skew(axis), S);
-      for (int e = 0; e < 9; e++) {
-        column[1 + c][e] = 0;
-        for (int n = 0; n < 9; n++) column[1 + c][e] += of.curvature[9 * e + n] * change[n];
-      }
+      column[1 + c] = of.SlopeChange(Mul(Skew(axis), S));
     }
     for (int j = begin; j < end; j++) {
       const Vec3 gj = g(j);
@@ -576,21 +572,23 @@ void AddOpposedStiffness(const Half<V>& half, int lane, const Mat3& R, const Bat
   const RegionBatch& batch = half.batch;
   const int at = half.first + lane;
   const auto add = [&](const Opposition& of, const Mat3&, const std::vector<double>& gradient, int begin, int end) {
-    const auto g = [&](int j, int a) { return gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at]; };
+    const Mat3 axes = Mul(R, of.axes);
+    const auto along = [&](int j) {
+      Vec3 g;
+      for (int a = 0; a < 3; a++) g[a] = gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at];
+      return MulT(of.axes, g);
+    };
     for (int j = begin; j < end; j++) {
-      double row[27] = {};  // Σ_a C[(r, a), n] g_ja
-      for (int e = 0; e < 27; e++) {
-        for (int a = 0; a < 3; a++) row[e] += of.curvature[9 * (3 * (e / 9) + a) + e % 9] * g(j, a);
-      }
+      const Vec3 gj = along(j);
       for (int k = begin; k <= j; k++) {
-        Mat3 block{};
-        for (int e = 0; e < 9; e++) {
-          for (int b = 0; b < 3; b++) block[e] += row[9 * (e / 3) + 3 * (e % 3) + b] * g(k, b);
-        }
         const int32_t pair = batch.pair[kWideLanes * (static_cast<size_t>(j) * (j + 1) / 2 + k) + at];
         if (pair < 0) continue;
-        block = Mul(Mul(R, block), Transpose(R));
-        for (double& b : block) b *= kOpposedStep;
+        const Vec3 gk = along(k);
+        Mat3 block;  // in V's axes
+        for (int e = 0; e < 9; e++) block[e] = of.firmness[e] * gk[e / 3] * gj[e % 3];
+        for (int e = 0; e < 9; e++) block[e - e % 3 + e / 3] += of.firmness[e] * gk[e % 3] * gj[e % 3];
+        block = Mul(axes, Mul(block, Transpose(axes)));
+        for (double& b : block) b *= 0.5 * kOpposedStep;
         for (int e = 0; e < 9; e++) {
           wanted.stiffness[9 * static_cast<size_t>(pair) + e] += block[e];
           if (wanted.enlarged) wanted.enlarged[9 * static_cast<size_t>(pair) + e] += batch.enlargement[at] * block[e];

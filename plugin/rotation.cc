@@ -22,37 +22,36 @@ Mat3 Cayley(const Vec3& omega) {
   return FromQuaternion({n, 0.5 * n * omega[0], 0.5 * n * omega[1], 0.5 * n * omega[2]});
 }
 
-// The largest eigenvector of Davenport's 4×4 matrix is the quaternion that maximises tr(Rᵀ F).
-Mat3 GlobalMaximum(const Mat3& F) {
-  double a[4][4] = {{F[0] + F[4] + F[8], F[7] - F[5], F[2] - F[6], F[3] - F[1]},
-                    {F[7] - F[5], F[0] - F[4] - F[8], F[1] + F[3], F[2] + F[6]},
-                    {F[2] - F[6], F[1] + F[3], F[4] - F[0] - F[8], F[5] + F[7]},
-                    {F[3] - F[1], F[2] + F[6], F[5] + F[7], F[8] - F[0] - F[4]}};
-  double v[4][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}};
+// Jacobi's method: makes a symmetric matrix diagonal, a ← vᵀ a v; the columns of v are its eigenvectors.
+template <int n>
+void Diagonalize(double (&a)[n][n], double (&v)[n][n]) {
+  for (int p = 0; p < n; p++) {
+    for (int q = 0; q < n; q++) v[p][q] = p == q;
+  }
   for (int sweep = 0; sweep < kJacobiSweeps; sweep++) {
     double off = 0, diagonal = 0;
-    for (int p = 0; p < 4; p++) {
+    for (int p = 0; p < n; p++) {
       diagonal += a[p][p] * a[p][p];
-      for (int q = p + 1; q < 4; q++) off += a[p][q] * a[p][q];
+      for (int q = p + 1; q < n; q++) off += a[p][q] * a[p][q];
     }
-    if (off <= 1e-30 * diagonal) break;
-    for (int p = 0; p < 3; p++) {
-      for (int q = p + 1; q < 4; q++) {
+    if (off <= kOrthogonal * diagonal) break;
+    for (int p = 0; p < n - 1; p++) {
+      for (int q = p + 1; q < n; q++) {
         if (a[p][q] == 0) continue;
         const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
         const double t = (theta >= 0 ? 1 : -1) / (std::abs(theta) + std::sqrt(theta * theta + 1));
         const double c = 1 / std::sqrt(t * t + 1), s = t * c;
-        for (int k = 0; k < 4; k++) {
+        for (int k = 0; k < n; k++) {
           const double kp = a[k][p], kq = a[k][q];
           a[k][p] = c * kp - s * kq;
           a[k][q] = s * kp + c * kq;
         }
-        for (int k = 0; k < 4; k++) {
+        for (int k = 0; k < n; k++) {
           const double pk = a[p][k], qk = a[q][k];
           a[p][k] = c * pk - s * qk;
           a[q][k] = s * pk + c * qk;
         }
-        for (int k = 0; k < 4; k++) {
+        for (int k = 0; k < n; k++) {
           const double kp = v[k][p], kq = v[k][q];
           v[k][p] = c * kp - s * kq;
           v[k][q] = s * kp + c * kq;
@@ -60,6 +59,16 @@ Mat3 GlobalMaximum(const Mat3& F) {
       }
     }
   }
+}
+
+// The largest eigenvector of Davenport's 4×4 matrix is the quaternion that maximises tr(Rᵀ F).
+Mat3 GlobalMaximum(const Mat3& F) {
+  double a[4][4] = {{F[0] + F[4] + F[8], F[7] - F[5], F[2] - F[6], F[3] - F[1]},
+                    {F[7] - F[5], F[0] - F[4] - F[8], F[1] + F[3], F[2] + F[6]},
+                    {F[2] - F[6], F[1] + F[3], F[4] - F[0] - F[8], F[5] + F[7]},
+                    {F[3] - F[1], F[2] + F[6], F[5] + F[7], F[8] - F[0] - F[4]}};
+  double v[4][4];
+  Diagonalize(a, v);
   int best = 0;
   for (int p = 1; p < 4; p++) {
     if (a[p][p] > a[best][best]) best = p;
@@ -102,6 +111,14 @@ Mat3 ClosestRotation(const Mat3& F, const Mat3& guess) {
   R = GlobalMaximum(F);
   Mat3 refined = R;
   return Refine(F, scale, &refined) ? refined : R;
+}
+
+Vec3 Eigenvectors(const Mat3& S, Mat3* vector) {
+  const double xy = 0.5 * (S[1] + S[3]), xz = 0.5 * (S[2] + S[6]), yz = 0.5 * (S[5] + S[7]);
+  double a[3][3] = {{S[0], xy, xz}, {xy, S[4], yz}, {xz, yz, S[8]}}, v[3][3];
+  Diagonalize(a, v);
+  for (int e = 0; e < 9; e++) (*vector)[e] = v[e / 3][e % 3];
+  return {a[0][0], a[1][1], a[2][2]};
 }
 
 double SmallestEigenvalue(const Mat3& S) {

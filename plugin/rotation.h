@@ -16,6 +16,9 @@ namespace mjframes {
 // in rounding, and on a set of measure zero (F with no unique closest rotation).
 Mat3 ClosestRotation(const Mat3& F, const Mat3& guess);
 
+// Eigenvalues of the symmetric part of S (row major), and its eigenvectors, as columns.
+Vec3 Eigenvectors(const Mat3& S, Mat3* vector);
+
 // Smallest eigenvalue of the symmetric part of S (row major).
 double SmallestEigenvalue(const Mat3& S);
 

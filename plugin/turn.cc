@@ -1,7 +1,5 @@
 #include "turn.h"
 
-#include <mujoco/mujoco.h>
-
 #include <algorithm>
 #include <cmath>
 
@@ -12,7 +10,7 @@
 namespace mjframes {
 namespace {
 
-// E, its slope in D (row by row) and, for turns D exp([a]×), its slope and curvature in a at a = 0.
+// E and, for turns D exp([a]×), its slope and curvature in a at a = 0.
 struct Landscape {
   double energy;
   Vec3 slope;
@@ -37,8 +35,7 @@ void Turning(const Mat3& D, double* column) {
   }
 }
 
-void AddCells(const Turn& turn, int group, const Mat3& delta, const double* column, bool curved, Mat3* slope,
-              Landscape* of) {
+void AddCells(const Turn& turn, int group, const Mat3& delta, const double* column, Mat3* slope, Landscape* of) {
   const TurnCells& cells = turn.cells[group];
   Lanes F[9], P[9];
   for (int e = 0; e < 9; e++) {
@@ -50,7 +47,6 @@ void AddCells(const Turn& turn, int group, const Mat3& delta, const double* colu
     of->energy +=
         cells.volume[lane] * EnergyDensity(turn.law, cells.material[lane], is.i1[lane], is.i2[lane], is.j[lane]);
   }
-  if (!curved) return;
   const Slopes<Lanes> slopes = SlopesOf(turn.law, cells.material, is);
   FirstPiola(F, is, slopes, P);
   Lanes H[81], turned[27], product[27];
@@ -81,7 +77,18 @@ void AddCells(const Turn& turn, int group, const Mat3& delta, const double* colu
   }
 }
 
-Landscape LandscapeAt(const Turn& turn, const Mat3& delta, bool curved) {
+// Change of S when the region turns by exp([e_c]×): −[e_c]× S.
+Mat3 Unturned(int c, const Mat3& S) {
+  const int u = (c + 1) % 3, v = (c + 2) % 3;
+  Mat3 change{};
+  for (int b = 0; b < 3; b++) {
+    change[3 * u + b] = S[3 * v + b];
+    change[3 * v + b] = -S[3 * u + b];
+  }
+  return change;
+}
+
+Landscape LandscapeAt(const Turn& turn, const Mat3& delta) {
   Landscape of = {};
   const Mat3 D = PlusOne(delta);
   double column[27];
@@ -93,7 +100,7 @@ Landscape LandscapeAt(const Turn& turn, const Mat3& delta, bool curved) {
     of.energy += delta[n] * (0.5 * change + turn.slope[n]);
     slope[n] = change + turn.slope[n];
   }
-  for (int c = 0; c < 3 && curved; c++) {
+  for (int c = 0; c < 3; c++) {
     double product[9];
     for (int n = 0; n < 9; n++) {
       product[n] = 0;
@@ -108,28 +115,20 @@ Landscape LandscapeAt(const Turn& turn, const Mat3& delta, bool curved) {
     const Mat3 S = Mul(Transpose(D), turn.frame[p]);
     if (!Opposes(S, turn.firmness, &opposed)) continue;
     of.energy += opposed.energy;
-    if (!curved) continue;
-    const Mat3 by_D = Mul(turn.frame[p], opposed.slope);
+    const Mat3 by_D = Mul(turn.frame[p], opposed.Slope());
     for (int e = 0; e < 9; e++) slope[e] += by_D[e];
-    double change[27];  // of S: −[e_c]× S
+    Mat3 change[3];  // of sym S in its axes, twice
     for (int c = 0; c < 3; c++) {
-      const int u = (c + 1) % 3, v = (c + 2) % 3;
-      for (int b = 0; b < 3; b++) {
-        change[9 * c + 3 * c + b] = 0;
-        change[9 * c + 3 * u + b] = S[3 * v + b];
-        change[9 * c + 3 * v + b] = -S[3 * u + b];
-      }
+      const Mat3 turned = Mul(Transpose(opposed.axes), Mul(Unturned(c, S), opposed.axes));
+      for (int e = 0; e < 9; e++) change[c][e] = turned[e] + turned[3 * (e % 3) + e / 3];
     }
-    for (int c = 0; c < 3; c++) {
-      for (int n = 0; n < 9; n++) {
-        double product = 0;
-        for (int k = 0; k < 9; k++) product += opposed.curvature[9 * n + k] * change[9 * c + k];
-        for (int d = 0; d < 3; d++) of.curvature[3 * d + c] += change[9 * d + n] * product;
+    for (int c = 0; c < 9; c++) {
+      for (int e = 0; e < 9; e++) {
+        of.curvature[c] += 0.25 * opposed.firmness[e] * change[c / 3][e] * change[c % 3][e];
       }
     }
   }
-  for (int g = 0; g < turn.groups; g++) AddCells(turn, g, delta, column, curved, &slope, &of);
-  if (!curved) return of;
+  for (int g = 0; g < turn.groups; g++) AddCells(turn, g, delta, column, &slope, &of);
   const Mat3 M = Mul(Transpose(D), slope);
   of.slope = {M[7] - M[5], M[2] - M[6], M[3] - M[1]};
   const double trace = M[0] + M[4] + M[8];
@@ -149,80 +148,70 @@ Mat3 Turned(const Mat3& delta, const Vec3& a) {
 
 // Newton's correction, along which E falls whatever its curvature.
 Vec3 Correction(const Landscape& at) {
-  double value[3], vector[9], quaternion[4];
-  mju_eig3(value, vector, quaternion, at.curvature.data());
+  Mat3 axes;
+  const Vec3 value = Eigenvectors(at.curvature, &axes);
   const double floor = kMinTwist * std::max({std::abs(value[0]), std::abs(value[1]), std::abs(value[2])});
-  Vec3 a{};
-  if (!(floor > 0)) return a;
-  for (int n = 0; n < 3; n++) {
-    const Vec3 axis = {vector[n], vector[3 + n], vector[6 + n]};
-    a = a - (Dot(axis, at.slope) / std::max(std::abs(value[n]), floor)) * axis;
-  }
+  if (!(floor > 0)) return {};
+  Vec3 along = MulT(axes, at.slope);
+  for (int n = 0; n < 3; n++) along[n] /= -std::max(std::abs(value[n]), floor);
+  const Vec3 a = Mul(axes, along);
   const double length = Norm(a);
   return length > kTrustRadius ? (kTrustRadius / length) * a : a;
 }
 
 // Goes down from Δ; returns E.
 double Descend(const Turn& turn, Mat3* delta) {
-  double energy = 0;
+  Landscape at = LandscapeAt(turn, *delta);
   for (int step = 0; step < kTurnSteps; step++) {
-    const Landscape at = LandscapeAt(turn, *delta, true);
-    energy = at.energy;
     Vec3 a = Correction(at);
     const double expected = -Dot(a, at.slope), length = Norm(a);
-    if (!(length > 0)) return energy;
+    if (!(length > 0)) break;
     Mat3 next = Turned(*delta, a);
-    if (length > kTurnSure) {
-      for (int halving = 0; halving < kTurnHalvings; halving++) {
-        if (LandscapeAt(turn, next, false).energy <= energy - kTurnSlope * expected) break;
-        a = 0.5 * a;
-        next = Turned(*delta, a);
-      }
+    Landscape there = LandscapeAt(turn, next);
+    for (int halving = 0; halving < kTurnHalvings && length > kTurnSure; halving++) {
+      if (there.energy <= at.energy - kTurnSlope * expected) break;
+      a = 0.5 * a;
+      next = Turned(*delta, a);
+      there = LandscapeAt(turn, next);
     }
     *delta = next;
+    at = there;
     if (length < kRotated) break;
   }
-  return energy;
+  return at.energy;
 }
 
 }  // namespace
 
+Mat3 Opposition::Slope() const {
+  const Mat3 diagonal = {pull[0], 0, 0, 0, pull[1], 0, 0, 0, pull[2]};
+  return Mul(axes, Mul(diagonal, Transpose(axes)));
+}
+
+Mat3 Opposition::SlopeChange(const Mat3& change) const {
+  const Mat3 turned = Mul(Transpose(axes), Mul(change, axes));
+  Mat3 of;
+  for (int e = 0; e < 9; e++) of[e] = 0.5 * firmness[e] * (turned[e] + turned[3 * (e % 3) + e / 3]);
+  return Mul(axes, Mul(of, Transpose(axes)));
+}
+
 bool Opposes(const Mat3& S, double firmness, Opposition* of) {
-  const Mat3 sym = {S[0], 0.5 * (S[1] + S[3]), 0.5 * (S[2] + S[6]), 0.5 * (S[1] + S[3]),
-                    S[4], 0.5 * (S[5] + S[7]), 0.5 * (S[2] + S[6]), 0.5 * (S[5] + S[7]),
-                    S[8]};
-  double value[3], vector[9], quaternion[4], below[3];
-  double minors[3] = {sym[0] - kOpposed, 0, 0};
-  minors[1] = minors[0] * (sym[4] - kOpposed) - sym[1] * sym[1];
-  minors[2] = Det({minors[0], sym[1], sym[2], sym[3], sym[4] - kOpposed, sym[5], sym[6], sym[7], sym[8] - kOpposed});
-  if (minors[0] > 0 && minors[1] > 0 && minors[2] > 0) return false;
-  mju_eig3(value, vector, quaternion, sym.data());
-  if (!(value[2] < kOpposed)) return false;
+  if (EigenvaluesExceed(S.data(), kOpposed)) return false;
+  const Vec3 value = Eigenvectors(S, &of->axes);
+  Vec3 below;
   of->energy = 0;
-  of->slope = {};
-  std::fill_n(of->curvature, 81, 0.0);
   for (int n = 0; n < 3; n++) {
     below[n] = std::min(0.0, value[n] - kOpposed);
+    of->pull[n] = firmness * below[n];
     of->energy += 0.5 * firmness * below[n] * below[n];
-    for (int e = 0; e < 9; e++) {
-      of->slope[e] += firmness * below[n] * vector[3 * (e / 3) + n] * vector[3 * (e % 3) + n];
-    }
   }
-  for (int n = 0; n < 3; n++) {
-    for (int k = 0; k <= n; k++) {
-      const double apart = value[k] - value[n];
-      const double secant = apart > kSameValue ? (below[k] - below[n]) / apart : (below[n] < 0 ? 1.0 : 0.0);
-      if (!(secant > 0)) continue;
-      double mode[9];
-      for (int e = 0; e < 9; e++) {
-        mode[e] = 0.5 * (vector[3 * (e / 3) + n] * vector[3 * (e % 3) + k] +
-                         vector[3 * (e / 3) + k] * vector[3 * (e % 3) + n]);
-      }
-      const double factor = firmness * secant * (n == k ? 1 : 2);
-      for (int e = 0; e < 81; e++) of->curvature[e] += factor * mode[e / 9] * mode[e % 9];
-    }
+  for (int e = 0; e < 9; e++) {
+    const int n = e / 3, k = e % 3;
+    const double apart = value[k] - value[n];
+    const double secant = std::abs(apart) > kSameValue ? (below[k] - below[n]) / apart : (below[n] < 0 ? 1.0 : 0.0);
+    of->firmness[e] = firmness * secant;
   }
-  return true;
+  return of->energy > 0;
 }
 
 Mat3 LeastTurn(const Turn& turn, bool everywhere) {

@@ -40,11 +40,16 @@ struct Turn {
   std::vector<TurnCells> cells;  //
 };
 
-// What keeps a frame from opposing its region: its energy for S, its slope P in S and how P changes, C (9 × 9).
+// What keeps a frame from opposing its region. V holds the eigenvectors of sym S: in these axes its slope in S is
+// diagonal, and a change of S, made symmetric, changes that by `firmness` times each entry.
 struct Opposition {
   double energy;
-  Mat3 slope;
-  double curvature[81];
+  Mat3 axes;      // V
+  Vec3 pull;      // diagonal of the slope [J]
+  Mat3 firmness;  // [J]
+
+  Mat3 Slope() const;
+  Mat3 SlopeChange(const Mat3& change) const;
 };
 
 // False, and nothing else, where no eigenvalue of sym S is below kOpposed. firmness: φ [J].

@@ -142,7 +142,7 @@ def test_failures_are_gathered_by_reason() -> None:
 def test_an_impact_of_many_lengths_a_step_passes_the_floor() -> None:
     deep = run(Case(BY_NAME["neo-hookean"], 1.0, 1 / 30, IMPACT))
     assert deep.evidence.depth > 50
-    assert deep.recovers  # its regions turn with it; those of the paper's method cannot
+    assert deep.recovers
     lost = run(Case(BY_NAME["the paper's method, neo-hookean"], 1.0, 0.1, IMPACT))
     assert not lost.survives
     assert lost.evidence.depth > 50

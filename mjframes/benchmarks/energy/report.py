@@ -12,11 +12,12 @@ from rich.table import Table
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.benchmarks.energy.loops import KINDS
+from mjframes.benchmarks.energy.loops import LIMIT as LOOP_LIMIT
 from mjframes.benchmarks.energy.motions import LIMIT, MOTIONS
 from mjframes.benchmarks.energy.trial import GAIN, LOOP, MADE, REST, RETURN, Found, Number
 
 OTHERS = (
-    *("total", "motion", "turned", "moved_J", "mismatch", "doubt", "order"),
+    *("total", "motion", "turned", "moved_J", "work", "mismatch", "doubt", "order"),
     *("drift_2ms", "drift_1ms", "drift_0.5ms", "drift_0.25ms"),
 )
 HEADER = (
@@ -57,6 +58,11 @@ def summary(found: Sequence[Found]) -> list[str]:
         wrong = [sum(not number.passes for number in body.of(measure)) for body in found]
         if total := sum(len(body.of(measure)) for body in found):
             lines.append(f"{sum(wrong)} of {total} {what}, of {np.count_nonzero(wrong)} bodies.")
+    doubts = [number.others["doubt"] for body in found for number in body.of(LOOP)]
+    if unknown := sum(doubt > LOOP_LIMIT for doubt in doubts):
+        lines.append(
+            f"{unknown} of {len(doubts)} loops are known to {max(doubts):.1g} or better only, not to {LOOP_LIMIT:g}."
+        )
     gains = [(body, number) for body in found for number in body.of(GAIN)]
     turning = [some for some in gains if some[1].passes and some[1].others["total"] > LIMIT]
     if turning:
