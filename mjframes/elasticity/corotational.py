@@ -31,7 +31,7 @@ from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_h
 OPPOSED = 0.4  # [-] eigenvalue of sym Rᵀ F_p below which a frame opposes its region
 OPPOSED_STEP = 2.0  # [-] of the stiffness in a step, where a frame opposes its region
 FOLDED = 0.1  # [-] the same, below which rotations farther away are tried
-TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 3.0  # [-] of κ and φ, to the mean stiffness against shear
+TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 0.5  # [-] of κ and φ, to the mean stiffness against shear
 SHOWN = 1e-3  # [-] by which a gradient at rest may miss the identity
 STEPS, HALVINGS = 60, 30  # of Newton's method for R
 SURE, CLOSE = 1e-5, 1e-9  # [rad] a shorter step is not checked, or ends it
