@@ -21,7 +21,8 @@ inline constexpr int kMaxMaterials = UINT16_MAX;  // of a body: more than any im
 inline constexpr double kOpposed = 0.4;
 // [-] of κ and φ, to the mean stiffness of a region against shear. The less κ is the smoother the energy where the
 // closest rotation jumps; at 1 a region that is stretched to twice its length would turn rather than stretch further.
-// The less φ is the fewer bodies stay crumpled or gain energy; below 0.5 parts 10⁹ times softer than others stay so.
+// Of 3, 1 and 0.5 for φ the last leaves the fewest bodies crumpled; at 0.4 one stays so of which a part is 10⁹ times
+// softer than the other.
 inline constexpr double kTwistFirmness = 3;
 inline constexpr double kOpposedFirmness = 0.5;
 // [-] of the same eigenvalue, above which the rotation of least energy near the closest one is taken for the least.

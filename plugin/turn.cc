@@ -77,17 +77,6 @@ void AddCells(const Turn& turn, int group, const Mat3& delta, const double* colu
   }
 }
 
-// Change of S when the region turns by exp([e_c]×): −[e_c]× S.
-Mat3 Unturned(int c, const Mat3& S) {
-  const int u = (c + 1) % 3, v = (c + 2) % 3;
-  Mat3 change{};
-  for (int b = 0; b < 3; b++) {
-    change[3 * u + b] = S[3 * v + b];
-    change[3 * v + b] = -S[3 * u + b];
-  }
-  return change;
-}
-
 Landscape LandscapeAt(const Turn& turn, const Mat3& delta) {
   Landscape of = {};
   const Mat3 D = PlusOne(delta);
@@ -117,14 +106,16 @@ Landscape LandscapeAt(const Turn& turn, const Mat3& delta) {
     of.energy += opposed.energy;
     const Mat3 by_D = Mul(turn.frame[p], opposed.Slope());
     for (int e = 0; e < 9; e++) slope[e] += by_D[e];
-    Mat3 change[3];  // of sym S in its axes, twice
+    Mat3 change[3];  // of S by turns the other way round: the curvature is the same
     for (int c = 0; c < 3; c++) {
-      const Mat3 turned = Mul(Transpose(opposed.axes), Mul(Unturned(c, S), opposed.axes));
-      for (int e = 0; e < 9; e++) change[c][e] = turned[e] + turned[3 * (e % 3) + e / 3];
+      Vec3 axis{};
+      axis[c] = 1;
+      change[c] = Mul(Skew(axis), S);
     }
-    for (int c = 0; c < 9; c++) {
-      for (int e = 0; e < 9; e++) {
-        of.curvature[c] += 0.25 * opposed.firmness[e] * change[c / 3][e] * change[c % 3][e];
+    for (int c = 0; c < 3; c++) {
+      const Mat3 pulled = opposed.SlopeChange(change[c]);
+      for (int d = 0; d < 3; d++) {
+        for (int e = 0; e < 9; e++) of.curvature[3 * c + d] += pulled[e] * change[d][e];
       }
     }
   }

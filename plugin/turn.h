@@ -52,7 +52,7 @@ struct Opposition {
   Mat3 SlopeChange(const Mat3& change) const;
 };
 
-// False, and nothing else, where no eigenvalue of sym S is below kOpposed. firmness: φ [J].
+// False where no eigenvalue of sym S is below kOpposed; `of` then tells nothing. firmness: φ [J].
 bool Opposes(const Mat3& S, double firmness, Opposition* of);
 
 // Δ of least energy. everywhere: not only near D = 1.

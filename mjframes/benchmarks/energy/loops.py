@@ -6,7 +6,7 @@ slides alone the lines are straight for the control points, too. The second numb
 line differs from what the energy says, relative to the same.
 
 Where a region's rotation jumps f jumps with it, and each jump needs a nest of intervals: lines between folded states
-leave the quadrature in doubt. What is more than the doubt is certainly work.
+leave the quadrature in doubt.
 """
 
 from __future__ import annotations
@@ -42,11 +42,6 @@ class Loop:
     work: float
     mismatch: float
     doubt: float
-
-    @property
-    def certain(self) -> float:
-        """Return what is left of the work if the quadrature is as wrong as it may be."""
-        return max(self.work - self.doubt, 0.0)
 
 
 def round_loop(force: Callable[[Array], Array], energy: Callable[[Array], float], states: Array) -> Loop:

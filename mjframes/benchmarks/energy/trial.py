@@ -98,8 +98,8 @@ def _loops(made: World, job: Job) -> Iterator[Number]:
     for kind in loops.KINDS:
         for number in range(job.plan.loops):
             loop = loops.loop_of(made, kind, job.subject.seed + number)
-            others = {"work": loop.work, "mismatch": loop.mismatch, "doubt": loop.doubt}
-            yield Number(LOOP, kind, 0.0, number, loop.certain, loops.LIMIT, others)
+            others = {"mismatch": loop.mismatch, "doubt": loop.doubt}
+            yield Number(LOOP, kind, 0.0, number, loop.work, loops.LIMIT, others)
 
 
 def _drifts(made: World, job: Job) -> Iterator[Number]:
