@@ -16,26 +16,20 @@ inline constexpr int kMaxMaterials = UINT16_MAX;  // of a body: more than any im
 
 // Elasticity, law `corotational` (corotational.h)
 
-// [-] of an eigenvalue of sym S, 1 at rest: a frame opposes its region where it is less, turned by 66° against it or
-// shortened below 0.4.
-inline constexpr double kOpposed = 0.4;
-// [-] of κ and φ, to the mean stiffness of a region against shear. The less κ is the smoother the energy where the
-// closest rotation jumps; at 1 a region that is stretched to twice its length would turn rather than stretch further.
-// Of 3, 1 and 0.5 for φ the last leaves the fewest bodies crumpled; at 0.4 one stays so of which a part is 10⁹ times
-// softer than the other.
+// [-] of κ, to the mean stiffness of a region against shear. The less κ is the smoother the energy where the closest
+// rotation jumps; at 1 a region that is stretched to twice its length would turn rather than stretch further.
 inline constexpr double kTwistFirmness = 3;
-inline constexpr double kOpposedFirmness = 0.5;
-// [-] of the same eigenvalue, above which the rotation of least energy near the closest one is taken for the least.
-inline constexpr double kFolded = 0.1;
-// [-] of the stiffness in a step, where a frame opposes: shorter steps do not overshoot while regions turn. Of 1, 2 and
-// 4 only 2 lets rigid frames return from every state of the tests.
-inline constexpr double kOpposedStep = 2;
+// [-] of an eigenvalue of sym RᵀF, 1 at rest: the rotation of least energy near the closest one is taken for the least
+// where all are larger.
+inline constexpr double kFolded = 0.4;
 inline constexpr int kTurnSteps = 40;        // of Newton's method for R; three or four are usual
 inline constexpr int kTurnHalvings = 20;     // of a step that does not go down
 inline constexpr double kTurnSlope = 1e-4;   // [-] of the expected descent that a step has to find
 inline constexpr double kTurnSure = 1e-5;    // [rad] a shorter step is not checked: energies differ by rounding
 inline constexpr double kSameShape = 1e-3;   // [-] of F at rest, to the identity: weights are rounded
-inline constexpr double kSameValue = 1e-12;  // [-] eigenvalues no farther apart count as one
+
+// [-] of the curvature of W in how R turns, to Zᵀ U: where it is less R is about to jump, and a step takes Zᵀ U.
+inline constexpr double kSureTurn = 0.01;
 
 // [-] of Zᵀ U. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 inline constexpr double kSingular = 1e-8;

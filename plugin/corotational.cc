@@ -36,10 +36,6 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   batch.present.assign(kWideLanes * static_cast<size_t>(m), 0);
   batch.rest.assign(kWideLanes * 3 * static_cast<size_t>(m), 0);
   batch.gradient = batch.rest;
-  if (std::any_of(regions.begin(), regions.end(), [](const Region* region) { return !region->own.empty(); })) {
-    batch.own = batch.rest;
-    batch.ends = batch.present;
-  }
   batch.moduli.stiffness.assign(kWideLanes * 9 * blocks, 0);
   batch.pair.assign(kWideLanes * blocks, -1);
   batch.law = regions.front()->law;
@@ -63,9 +59,6 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
         batch.rest[kWideLanes * (3 * j + r) + lane] = region.rest[j][r];
         batch.gradient[kWideLanes * (3 * j + r) + lane] = region.gradient[j][r];
       }
-      for (int r = 0; r < 3 && !region.own.empty(); r++) {
-        batch.own[kWideLanes * (3 * j + r) + lane] = region.own[j][r];
-      }
       for (int k = 0; filled && k <= j; k++, block++) batch.pair[kWideLanes * block + lane] = region.pair[block];
     }
     if (filled) {
@@ -80,8 +73,6 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
         for (int e = 0; e < 27; e++) slope[kWideLanes * e] = cell.slope[3 * (e / 3 * region.size() + j) + e % 3];
       }
     }
-    batch.frames = std::max(batch.frames, static_cast<int>(region.frame_end.size()) + 1);
-    for (const int32_t end : region.frame_end) batch.ends[kWideLanes * (end - 1) + lane] = 1;
   }
   return batch;
 }
@@ -91,8 +82,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 void FillLane(const Region& region, const double* stiffness, const double* factors, int lane,
               RegionBatch::Moduli* moduli) {
   const size_t width = 3 * static_cast<size_t>(region.size());
-  const double shear = ShearStiffness(region, stiffness, factors), twist = 0.5 * kTwistFirmness * shear;
-  moduli->firmness[lane] = kOpposedFirmness * shear;
+  const double twist = 0.5 * kTwistFirmness * ShearStiffness(region, stiffness, factors);
   size_t entry = 0;
   for (int j = 0; j < region.size(); j++) {
     for (int k = 0; k <= j; k++) {
@@ -113,11 +103,9 @@ void FillLane(const Region& region, const double* stiffness, const double* facto
 
 BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   size_t points = 0, cells = 0;
-  int frames = 1;  // of a region, itself among them, at most
   for (const RegionBatch& batch : batches) {
     points = std::max(points, static_cast<size_t>(batch.size));
     cells = std::max(cells, static_cast<size_t>(batch.cells));
-    frames = std::max(frames, batch.frames);
     curved.resize(std::max(curved.size(), batch.slope.size()));
   }
   const size_t lanes = kWideLanes * points;
@@ -125,8 +113,7 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   start.resize(3 * lanes);
   moment.resize(27 * lanes);
   product.resize(12 * lanes);
-  g.resize(9 * lanes);
-  turn.frame.resize(frames + 1);
+  follow.resize(18 * lanes);
   turn.cells.resize((cells + kLanes - 1) / kLanes);
 }
 

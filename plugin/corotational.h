@@ -1,21 +1,16 @@
 // A region as a corotated superelement: y_j = Rᵀ x_j − x̄_j, and R is the rotation of least energy,
 //
-//   W = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − kOpposed)₋|²
+//   W = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|²,   F = Σ_j x_j ḡ_jᵀ
 //
-// F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p = Σ_j x_j g°_jᵀ that of one of its frames. At rest K_e does not
-// know R, κ does: R is close to the rotation that is closest to F. φ keeps frames from opposing their region, and is
-// zero unless one is turned by more than 66° against it, or shortened below 0.4; else a region that one frame was
-// turned over in would be at rest as well. κ and φ follow from K_e (FillLane).
-//
+// At rest K_e does not know R, κ does: R is close to the rotation that is closest to F. κ follows from K_e (FillLane).
 // As the least of functions of x that are smooth, W is continuous in every state, and its gradient is that of the one
-// that is least, at the same R: with K the Hessian of that at fixed R, κ included, and U = K Z, (Z a)_j = a × z_j,
+// that is least, at the same R: with w = ∂W/∂y, H the Hessian at fixed R, κ included, and (Z a)_j = a × z_j, U = H Z,
 //
-//   f = −R ∂W/∂y,   stiffness = R (K − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ
+//   f = −R w,   stiffness = R Pᵀ H P Rᵀ,   P = 1 − Z Ω,   Ω = C⁻¹ (U − [a × w_j])ᵀ
 //
-// Zᵀ ∂W/∂y = 0, so that f carries no net force and no net torque. The stiffness is positive semi-definite, blind to
-// rotations of the current shape, and K_e at rest; the quadratic function that it belongs to is nowhere below W but for
-// what a step turns the region, so that an implicit step finds no more energy than it paid for. Where a frame opposes
-// its region the stiffness is twice that: shorter steps do not overshoot while the regions turn.
+// Ω tells how R turns as the points move; C is the curvature of W in such turns, Zᵀ U where nothing is strained. Zᵀ w =
+// 0, so that f carries no net force and no net torque. The stiffness is positive semi-definite, blind to rotations of
+// the current shape, and what the region has beside what its turning adds.
 //
 // A region of one frame may evaluate a hyperelastic law in its cells. With y = Rᵀ x − x̄ of its control points,
 //
@@ -54,8 +49,6 @@ struct Region {
   std::vector<int32_t> point;      // control points, ancestors first         (m)
   std::vector<Vec3> rest;          // x̄_j minus their mean [m]                (m)
   std::vector<Vec3> gradient;      // ḡ_j [1/m]                               (m)
-  std::vector<Vec3> own;           // g°_j of each point's frame [1/m]; empty where there is one frame alone (m)
-  std::vector<int32_t> frame_end;  // one after the last point of each frame that has g°
   bool solid;                      // whether ḡ shows all of F: its points do not lie in a plane at rest
   std::vector<double> stiffness;   // K_e [N/m]                               (3m × 3m)
   Shares shares;                   // what each material has of it; none where there is one alone
@@ -75,7 +68,6 @@ struct RegionBatch {
   // What factors of the materials change.
   struct Moduli {
     std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j) with those of κ, row major     (m(m+1)/2 × 9)
-    double firmness[kWideLanes] = {};     // φ [J]
     std::vector<LawParameters> material;  // of each cell                                            (q × 8)
   };
   std::vector<int> region;       // which of the body's, none for lanes at the end without one
@@ -84,11 +76,8 @@ struct RegionBatch {
   std::vector<double> present;   // 1, or 0 for points that fill up                           (m)
   std::vector<double> rest;      // as in Region                                              (m × 3)
   std::vector<double> gradient;  // as in Region                                              (m × 3)
-  std::vector<double> own;       // as in Region; empty where no region has frames            (m × 3)
-  std::vector<double> ends;      // 1 at the last point of a frame with such gradients, else 0 (m)
   std::vector<int32_t> pair;     // as in Region, −1 for blocks that fill up                  (m(m+1)/2)
   Law law;                       // of the cells
-  int frames = 1;                // that may oppose a region, itself among them, at most
   int cells;                     // q, of the region with most; those that fill up have no volume
   std::vector<double> volume;    // of each cell                                              (q)
   std::vector<double> slope;     // E_q, by point: row 3r + a for F_ra                (q × m × 9 × 3)
@@ -112,8 +101,8 @@ struct BatchScratch {
   std::vector<double> z;            // Rᵀ x_j centred                          (m × 3 × 8)
   std::vector<double> start;        // K y for the R that the search starts at (m × 3 × 8)
   std::vector<double> moment;       // Σ_k K_jk,ab z_k,s there, entry 9a + 3b + s (m × 27 × 8)
-  std::vector<double> product;      // ∂W/∂y and U, column by column           (m × 12 × 8)
-  std::vector<double> g;            // U (Zᵀ U)⁻¹, row major                   (m × 9 × 8)
+  std::vector<double> product;      // w = ∂W/∂y and U, column by column       (m × 12 × 8)
+  std::vector<double> follow;       // Ω and Y, row major                      (m × 18 × 8)
   std::vector<double> curved;       // V_q H_q E_q, as a batch's slope         (q × m × 9 × 3 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
   Turn turn;                        // of one region

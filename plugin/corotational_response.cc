@@ -107,7 +107,7 @@ MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch, V* A, 
   }
 }
 
-// Newton's method for the Δ of least energy, frames and cells left out, from Δ = 0; the lanes where it ended.
+// Newton's method for the Δ of least energy, cells left out, from Δ = 0; the lanes where it ended.
 template <typename V>
 MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
   V size = A[0] + A[40] + A[80];
@@ -164,47 +164,16 @@ MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
   return found;
 }
 
-// The lanes where no frame, nor the region itself, opposes it after the turn D, and one shows that.
+// The lanes where the region is not folded after the turn D, and its points show that.
 template <typename V>
-MJFRAMES_INLINE Mask<V> Agree(const Half<V>& half, const double* z, const V* D) {
+MJFRAMES_INLINE Mask<V> Unfolded(const Half<V>& half, const double* z, const V* D) {
   const RegionBatch& batch = half.batch;
-  const V bound = Fill<V>(kOpposed);
-  V S[9] = {}, of_frame[9] = {}, turned[9];
+  V S[9] = {}, turned[9];
   for (int j = 0; j < half.size; j++) {
     for (int e = 0; e < 9; e++) S[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.gradient.data(), 3 * j + e % 3);
   }
   MulT3(D, S, turned);
-  auto shown = Load<V>(batch.solid + half.first) > 0.0;
-  auto agree = EigenvaluesExceed(turned, bound) || !shown;
-  for (int j = 0; j < half.size && !batch.own.empty(); j++) {
-    for (int e = 0; e < 9; e++) of_frame[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.own.data(), 3 * j + e % 3);
-    const auto ends = half.Of(batch.ends.data(), j) > 0.0;
-    if (!Any<V>(ends)) continue;
-    MulT3(D, of_frame, turned);
-    agree = agree && (!ends || EigenvaluesExceed(turned, bound));
-    shown = shown || ends;
-    for (V& s : of_frame) s = ends ? V{} : s;
-  }
-  return agree && shown;
-}
-
-// S of the region itself and of each of its frames, of one lane.
-template <typename V>
-int FramesOf(const Half<V>& half, int lane, const double* z, Mat3* frame) {
-  const RegionBatch& batch = half.batch;
-  const auto at = [&](const double* array, int entry) { return array[kWideLanes * entry + half.first + lane]; };
-  int frames = batch.solid[half.first + lane] > 0;
-  frame[0] = {};
-  for (int j = 0; j < half.size && frames; j++) {
-    for (int e = 0; e < 9; e++) frame[0][e] += at(z, 3 * j + e / 3) * at(batch.gradient.data(), 3 * j + e % 3);
-  }
-  if (batch.own.empty()) return frames;
-  frame[frames] = {};
-  for (int j = 0; j < half.size; j++) {
-    for (int e = 0; e < 9; e++) frame[frames][e] += at(z, 3 * j + e / 3) * at(batch.own.data(), 3 * j + e % 3);
-    if (at(batch.ends.data(), j) > 0) frame[++frames] = {};
-  }
-  return frames;
+  return Load<V>(batch.solid + half.first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
 }
 
 // The cells of one lane as functions of Δ.
@@ -236,53 +205,18 @@ void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
   }
 }
 
-// Searches for the Δ of one lane; whether any of its frames opposes it there.
+// Searches for the Δ of one lane.
 template <typename V>
-bool Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V* b, V* delta, BatchScratch* scratch) {
+void Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V* b, V* delta, BatchScratch* scratch) {
   Turn& turn = scratch->turn;
   for (int e = 0; e < 81; e++) turn.curvature[e] = A[e][lane];
   for (int e = 0; e < 9; e++) turn.slope[e] = b[e][lane];
-  turn.firmness = half.moduli.firmness[half.first + lane];
-  turn.frames = FramesOf(half, lane, scratch->z.data(), turn.frame.data());
   CellsOf(half, lane, scratch->z.data(), &turn);
   const Mat3 found = LeastTurn(turn, everywhere);
-  Mat3 D = found;
-  for (int e = 0; e < 9; e++) {
-    delta[e][lane] = found[e];
-    D[e] += kIdentity[e];
-  }
-  Opposition of;
-  for (int p = 0; p < turn.frames; p++) {
-    if (Opposes(Mul(Transpose(D), turn.frame[p]), turn.firmness, &of)) return true;
-  }
-  return false;
+  for (int e = 0; e < 9; e++) delta[e][lane] = found[e];
 }
 
-// Calls act(opposition, S, gradients, first point, one after the last) for all that oppose one lane's region after its
-// turn.
-template <typename V, typename Act>
-void ForOpposed(const Half<V>& half, int lane, const BatchScratch& scratch, const Act& act) {
-  const RegionBatch& batch = half.batch;
-  const int at = half.first + lane;
-  Opposition of;
-  const auto look = [&](const std::vector<double>& gradient, int begin, int end) {
-    Mat3 S{};
-    for (int j = begin; j < end; j++) {
-      for (int e = 0; e < 9; e++) {
-        S[e] += scratch.z[kWideLanes * (3 * j + e / 3) + at] * gradient[kWideLanes * (3 * j + e % 3) + at];
-      }
-    }
-    if (Opposes(S, half.moduli.firmness[at], &of)) act(of, S, gradient, begin, end);
-  };
-  if (batch.solid[at] > 0) look(batch.gradient, 0, half.size);
-  for (int j = 0, begin = 0; j < half.size && !batch.own.empty(); j++) {
-    if (!(batch.ends[kWideLanes * j + at] > 0)) continue;
-    look(batch.own, begin, j + 1);
-    begin = j + 1;
-  }
-}
-
-// z after the turn D = 1 + Δ, and the product without cells and frames.
+// z after the turn D = 1 + Δ, and the product without cells.
 template <typename V>
 MJFRAMES_INLINE void TurnAll(const Half<V>& half, const V* delta, const V* D, BatchScratch* scratch) {
   double *z = scratch->z.data(), *product = scratch->product.data();
@@ -379,37 +313,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
   }
 }
 
-// Adds what opposing frames have of the product of one lane; returns their energy.
-template <typename V>
-double AddOpposed(const Half<V>& half, int lane, BatchScratch* scratch) {
-  const int at = half.first + lane;
-  double energy = 0;
-  const auto add = [&](const Opposition& of, const Mat3& S, const std::vector<double>& gradient, int begin, int end) {
-    energy += of.energy;
-    const auto g = [&](int j) {
-      Vec3 gj;
-      for (int a = 0; a < 3; a++) gj[a] = gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at];
-      return gj;
-    };
-    Mat3 column[4] = {of.Slope()};
-    for (int c = 0; c < 3; c++) {
-      Vec3 axis{};
-      axis[c] = 1;
-      column[1 + c] = of.SlopeChange(Mul(Skew(axis), S));
-    }
-    for (int j = begin; j < end; j++) {
-      const Vec3 gj = g(j);
-      for (int c = 0; c < 4; c++) {
-        const Vec3 added = Mul(column[c], gj);
-        for (int r = 0; r < 3; r++) scratch->product[kWideLanes * (12 * j + 3 * c + r) + at] += added[r];
-      }
-    }
-  };
-  ForOpposed(half, lane, *scratch, add);
-  return energy;
-}
-
-// ½ Σ_j y_j·w_j of each region, w the product's first column without cells and frames.
+// ½ Σ_j y_j·w_j of each region, w the product's first column without cells.
 template <typename V>
 MJFRAMES_INLINE V Quadratic(const Half<V>& half, const BatchScratch& scratch) {
   V energy = {};
@@ -500,17 +404,51 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
   }
 }
 
-// U (Zᵀ U)⁻¹
+// How the region turns as its points move, Ω_j, and Y_j = U_j − ½ Ω_jᵀ Zᵀ U, of which Pᵀ H P = H − Yⱼ Ω_k − Ω_jᵀ Y_kᵀ.
+// inverse: (Zᵀ U)⁻¹, which stands for the curvature in how R turns where that is about to vanish.
 template <typename V>
-MJFRAMES_INLINE void Correct(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
+MJFRAMES_INLINE void Follow(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
+  const double* product = scratch->product.data();
+  V ZU[9] = {}, M[9] = {}, N[9], C[9], adjugate[9], turns[9];
   for (int j = 0; j < half.size; j++) {
-    for (int r = 0; r < 3; r++) {
-      V u[3];
-      for (int c = 0; c < 3; c++) u[c] = half.Of(scratch->product.data(), 12 * j + 3 * (1 + c) + r);
-      for (int c = 0; c < 3; c++) {
-        half.Put(u[0] * inverse[c] + u[1] * inverse[3 + c] + u[2] * inverse[6 + c], scratch->g.data(),
-                 9 * j + 3 * r + c);
-      }
+    V z[3], u[3], moment[3];
+    for (int r = 0; r < 3; r++) z[r] = half.Of(scratch->z.data(), 3 * j + r);
+    for (int e = 0; e < 9; e++) M[e] += z[e / 3] * half.Of(product, 12 * j + e % 3);
+    for (int c = 0; c < 3; c++) {
+      for (int r = 0; r < 3; r++) u[r] = half.Of(product, 12 * j + 3 * (1 + c) + r);
+      Cross3(z, u, moment);
+      for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
+    }
+  }
+  const V trace = M[0] + M[4] + M[8];
+  for (int e = 0; e < 9; e++) {
+    const int t = 3 * (e % 3) + e / 3;
+    N[e] = 0.5 * (ZU[e] + ZU[t]);
+    C[e] = N[e] + 0.5 * (M[e] + M[t]) - (e % 4 == 0 ? trace : V{});
+  }
+  const V size = N[0] + N[4] + N[8], floor = kSureTurn * size;
+  const V determinant = Adjugate(C, adjugate);
+  const auto sure = C[0] > floor && adjugate[8] > floor * C[0] && determinant > floor * adjugate[8];
+  const V factor = 1.0 / determinant, turned = sure ? Fill<V>(1) : V{};
+  for (int e = 0; e < 9; e++) turns[e] = sure ? adjugate[e] * factor : inverse[e];
+  for (int j = 0; j < half.size; j++) {
+    V w[3], U[9], B[9], omega[9];  // B_j = U_j − [e_c × w_j], entry 3r + c
+    for (int r = 0; r < 3; r++) w[r] = turned * half.Of(product, 12 * j + r);
+    for (int e = 0; e < 9; e++) B[e] = U[e] = half.Of(product, 12 * j + 3 * (1 + e % 3) + e / 3);
+    for (int c = 0; c < 3; c++) {
+      const int u = (c + 1) % 3, v = (c + 2) % 3;
+      B[3 * u + c] += w[v];
+      B[3 * v + c] -= w[u];
+    }
+    for (int e = 0; e < 9; e++) {
+      const V *row = turns + e / 3 * 3, *column = B + e % 3 * 3;
+      omega[e] = row[0] * column[0] + row[1] * column[1] + row[2] * column[2];
+    }
+    for (int e = 0; e < 9; e++) {
+      const int r = e / 3, c = e % 3;
+      half.Put(omega[e], scratch->follow.data(), 18 * j + e);
+      half.Put(U[e] - 0.5 * (omega[r] * N[c] + omega[3 + r] * N[3 + c] + omega[6 + r] * N[6 + c]),
+               scratch->follow.data(), 18 * j + 9 + e);
     }
   }
 }
@@ -529,29 +467,27 @@ MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const Bat
   }
 }
 
-// R (K_jk − U_j (Zᵀ U)⁻¹ U_kᵀ) Rᵀ of all blocks, `firmer` times
+// R Pᵀ H P Rᵀ of all blocks
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firmer, const BatchScratch& scratch,
-                                  const Wanted& wanted) {
-  V scaled[9];
-  for (int e = 0; e < 9; e++) scaled[e] = firmer * R[e];
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, const Wanted& wanted) {
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
   for (int j = 0; j < half.size; j++) {
-    V Gj[9];
-    for (int e = 0; e < 9; e++) Gj[e] = half.Of(scratch.g.data(), 9 * j + e);
+    V of_j[18];
+    for (int e = 0; e < 18; e++) of_j[e] = half.Of(scratch.follow.data(), 18 * j + e);
     for (int k = 0; k <= j; k++, entry += 9, pair += kWideLanes) {
       V block[9], left[9];
       for (int e = 0; e < 9; e++) block[e] = half.Of(half.moduli.stiffness.data(), entry + e);
       for (int c = 0; c < 3; c++) {
         for (int s = 0; s < 3; s++) {
-          const V u = half.Of(scratch.product.data(), 12 * k + 3 * (1 + c) + s);
-          for (int r = 0; r < 3; r++) block[3 * r + s] -= Gj[3 * r + c] * u;
+          const V omega = half.Of(scratch.follow.data(), 18 * k + 3 * c + s);
+          const V y = half.Of(scratch.follow.data(), 18 * k + 9 + 3 * s + c);
+          for (int r = 0; r < 3; r++) block[3 * r + s] -= of_j[9 + 3 * r + c] * omega + of_j[3 * c + r] * y;
         }
       }
       for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
-      Mul3(scaled, block, left);
+      Mul3(R, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
         const V* axis = R + e % 3 * 3;
@@ -563,40 +499,6 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
       Scatter(block, pair, wanted.enlarged);
     }
   }
-}
-
-// R K Rᵀ of the opposing frames of one lane, kOpposedStep times
-template <typename V>
-void AddOpposedStiffness(const Half<V>& half, int lane, const Mat3& R, const BatchScratch& scratch,
-                         const Wanted& wanted) {
-  const RegionBatch& batch = half.batch;
-  const int at = half.first + lane;
-  const auto add = [&](const Opposition& of, const Mat3&, const std::vector<double>& gradient, int begin, int end) {
-    const Mat3 axes = Mul(R, of.axes);
-    const auto along = [&](int j) {
-      Vec3 g;
-      for (int a = 0; a < 3; a++) g[a] = gradient[kWideLanes * (3 * static_cast<size_t>(j) + a) + at];
-      return MulT(of.axes, g);
-    };
-    for (int j = begin; j < end; j++) {
-      const Vec3 gj = along(j);
-      for (int k = begin; k <= j; k++) {
-        const int32_t pair = batch.pair[kWideLanes * (static_cast<size_t>(j) * (j + 1) / 2 + k) + at];
-        if (pair < 0) continue;
-        const Vec3 gk = along(k);
-        Mat3 block;  // in V's axes
-        for (int e = 0; e < 9; e++) block[e] = of.firmness[e] * gk[e / 3] * gj[e % 3];
-        for (int e = 0; e < 9; e++) block[e - e % 3 + e / 3] += of.firmness[e] * gk[e % 3] * gj[e % 3];
-        block = Mul(axes, Mul(block, Transpose(axes)));
-        for (double& b : block) b *= 0.5 * kOpposedStep;
-        for (int e = 0; e < 9; e++) {
-          wanted.stiffness[9 * static_cast<size_t>(pair) + e] += block[e];
-          if (wanted.enlarged) wanted.enlarged[9 * static_cast<size_t>(pair) + e] += batch.enlargement[at] * block[e];
-        }
-      }
-    }
-  };
-  ForOpposed(half, lane, scratch, add);
 }
 
 template <typename V>
@@ -613,11 +515,10 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     Multiply(half, scratch, A, b);
     const auto found = FollowTurn(A, b, delta);
     for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
-    const auto agree = Agree(half, scratch->z.data(), D);
-    bool opposed[kWidth<V>] = {};
+    const auto unfolded = Unfolded(half, scratch->z.data(), D);
     for (int lane = 0; lane < regions; lane++) {
-      if (found[lane] && agree[lane] && !batch.cells) continue;
-      opposed[lane] = Search(half, lane, !agree[lane], A, b, delta, scratch);
+      if (found[lane] && unfolded[lane] && !batch.cells) continue;
+      Search(half, lane, !unfolded[lane], A, b, delta, scratch);
     }
     for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
     Mul3(R, D, turned);
@@ -625,8 +526,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     V energy = {};
     if (wanted.energy) energy = Quadratic(half, *scratch);
     for (int lane = 0; lane < regions; lane++) {
-      const double of_frames = opposed[lane] ? AddOpposed(half, lane, scratch) : 0;
-      if (wanted.energy) *wanted.energy += energy[lane] + of_frames + CellEnergy(half, lane, *scratch);
+      if (wanted.energy) *wanted.energy += energy[lane] + CellEnergy(half, lane, *scratch);
       if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(turned, lane);
     }
     if (!wanted.force) continue;
@@ -634,13 +534,8 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     InvertTwist(half, *scratch, inverse);
     AddForce(half, turned, inverse, *scratch, wanted.force);
     if (!wanted.stiffness) continue;
-    Correct(half, inverse, scratch);
-    V firmer = Fill<V>(1);
-    for (int lane = 0; lane < regions; lane++) firmer[lane] = opposed[lane] ? kOpposedStep : 1;
-    AddStiffness(half, turned, firmer, *scratch, wanted);
-    for (int lane = 0; lane < regions; lane++) {
-      if (opposed[lane]) AddOpposedStiffness(half, lane, LaneOf(turned, lane), *scratch, wanted);
-    }
+    Follow(half, inverse, scratch);
+    AddStiffness(half, turned, *scratch, wanted);
   }
 }
 

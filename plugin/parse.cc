@@ -14,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "7";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "8";  // of the attributes; a model written by another version is refused
 
 constexpr char kRegionMismatch[] = "its region arrays do not match each other";
 
@@ -62,67 +62,21 @@ std::vector<Coupling> ReadCouplings(Kinematics* kinematics, std::vector<double>*
   return couplings;
 }
 
-// What regions of several frames need to know of these.
-struct FrameGradients {
-  std::vector<int32_t> size;   // control points of each frame
-  std::vector<int32_t> frame;  // of each control point         (k)
-  std::vector<Vec3> own;       // g°_j [1/m]                     (k)
-};
-
 std::vector<Vec3> Vectors(const std::vector<double>& values, size_t first, size_t count) {
   std::vector<Vec3> vectors(count);
   for (size_t e = 0; e < 3 * count; e++) vectors[e / 3][e % 3] = values[3 * first + e];
   return vectors;
 }
 
-FrameGradients ReadFrameGradients(size_t points, Reader* reader) {
-  constexpr char kMismatch[] = "its frame arrays do not match its control points";
-  FrameGradients frames;
-  frames.size = reader->Array<int32_t>("frame_size");
-  const auto own = reader->Array<double>("frame_gradient");
-  for (size_t i = 0; i < frames.size.size(); i++) {
-    const size_t size = std::max(frames.size[i], 0);
-    if (!reader->Check(size > 0 && frames.frame.size() + size <= points, kMismatch)) return {};
-    frames.frame.insert(frames.frame.end(), size, static_cast<int32_t>(i));
-  }
-  if (!reader->Check(frames.frame.size() == points && own.size() == 3 * points, kMismatch)) return {};
-  frames.own = Vectors(own, 0, points);
-  return frames;
-}
-
-// Whether Σ_j x̄_j g_jᵀ of the points from `begin` on is the identity, as it is where they reach along all axes.
-bool ShowsAll(const std::vector<Vec3>& rest, const std::vector<Vec3>& gradient, int begin, int end) {
+// Whether Σ_j x̄_j g_jᵀ is the identity, as it is where the points reach along all axes.
+bool ShowsAll(const std::vector<Vec3>& rest, const std::vector<Vec3>& gradient) {
   Mat3 F{};
-  for (int j = begin; j < end; j++) {
+  for (size_t j = 0; j < rest.size(); j++) {
     for (int e = 0; e < 9; e++) F[e] += rest[j][e / 3] * gradient[j][e % 3];
   }
   double off = 0;
   for (int e = 0; e < 9; e++) off = std::max(off, std::abs(F[e] - kIdentity[e]));
   return off < kSameShape;
-}
-
-// The gradients of a region's frames, where it has several.
-void AddFrames(const FrameGradients& frames, Region* region, Reader* reader) {
-  std::vector<Vec3> own;
-  std::vector<int32_t> ends;
-  for (int j = 0; j < region->size();) {
-    const int32_t frame = frames.frame[region->point[j]];
-    const int begin = j, end = j + frames.size[frame];
-    bool whole = end <= region->size();
-    for (; whole && j < end; j++) {
-      whole = frames.frame[region->point[j]] == frame;
-      own.push_back(frames.own[region->point[j]]);
-    }
-    if (!reader->Check(whole, "a region has not all control points of a frame")) return;
-    if (ShowsAll(region->rest, own, begin, end)) {
-      ends.push_back(end);
-    } else {
-      std::fill(own.begin() + begin, own.end(), Vec3{});
-    }
-  }
-  if (ends.empty() || ends.front() == region->size()) return;
-  region->own = std::move(own);
-  region->frame_end = std::move(ends);
 }
 
 // Which factor each material follows.  constants: how many the laws have of all of them.
@@ -175,8 +129,6 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     own = reader->ArrayOr<int32_t>("region_own", 0, couplings.size());
     share = reader->Array<double>("region_share");
   }
-  FrameGradients frames;
-  if (reader->Has("frame_size")) frames = ReadFrameGradients(points.size(), reader);
   if (!reader->ok()) return {};
   size_t p = 0, s = 0, t = 0;
   std::vector<Region> regions;
@@ -195,9 +147,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     for (const int32_t j : region.point) mean = mean + (1.0 / m) * points[j].rest;
     region.gradient = Vectors(gradient, p, m);
     for (int j = 0; j < m; j++) region.rest.push_back(points[region.point[j]].rest - mean);
-    region.solid = ShowsAll(region.rest, region.gradient, 0, m);
-    if (!frames.size.empty()) AddFrames(frames, &region, reader);
-    if (!reader->ok()) return {};
+    region.solid = ShowsAll(region.rest, region.gradient);
     region.stiffness.resize(n * n);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {

@@ -28,8 +28,6 @@ inline constexpr const char* kSoftAttributes[] = {
     "region_size",
     "region_point",
     "region_gradient",
-    "frame_size",
-    "frame_gradient",
     "region_stiffness",
     "materials",
     "region_own",

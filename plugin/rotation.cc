@@ -121,15 +121,4 @@ Vec3 Eigenvectors(const Mat3& S, Mat3* vector) {
   return {a[0][0], a[1][1], a[2][2]};
 }
 
-double SmallestEigenvalue(const Mat3& S) {
-  // the trigonometric formula for symmetric 3×3 matrices
-  const double mean = (S[0] + S[4] + S[8]) / 3;
-  const double a = S[0] - mean, b = S[4] - mean, c = S[8] - mean;
-  const double xy = 0.5 * (S[1] + S[3]), xz = 0.5 * (S[2] + S[6]), yz = 0.5 * (S[5] + S[7]);
-  const double p = std::sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6);
-  if (!(p > 0)) return mean;
-  const double r = Det({a, xy, xz, xy, b, yz, xz, yz, c}) / (2 * p * p * p);
-  return mean + 2 * p * std::cos((std::acos(std::clamp(r, -1.0, 1.0)) + 2 * std::numbers::pi) / 3);
-}
-
 }  // namespace mjframes

@@ -19,9 +19,6 @@ Mat3 ClosestRotation(const Mat3& F, const Mat3& guess);
 // Eigenvalues of the symmetric part of S (row major), and its eigenvectors, as columns.
 Vec3 Eigenvectors(const Mat3& S, Mat3* vector);
 
-// Smallest eigenvalue of the symmetric part of S (row major).
-double SmallestEigenvalue(const Mat3& S);
-
 // Whether the symmetric part of S has no eigenvalue below `bound`: the leading minors of it − bound I are positive.
 template <typename V>
 MJFRAMES_INLINE Mask<V> EigenvaluesExceed(const V* S, const V& bound) {

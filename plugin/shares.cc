@@ -69,9 +69,15 @@ void ScaleStiffness(const std::vector<double>& built, int width, const Shares& s
     }
   }
   if (n == 0) return;
+  double trace = 0, built_trace = 0;
+  for (int r = n; r < width; r++) {
+    trace += K[static_cast<size_t>(r) * width + r];
+    built_trace += built[static_cast<size_t>(r) * width + r];
+  }
+  const double mean = built_trace > 0 ? trace / built_trace : last;
   const double* rest = shares.rest.data();
   for (int a = 0; a < n; a++) {
-    for (int b = 0; b <= a; b++, rest++) K[static_cast<size_t>(a) * width + b] = last * *rest;
+    for (int b = 0; b <= a; b++, rest++) K[static_cast<size_t>(a) * width + b] = mean * *rest;
   }
   std::copy_n(K + static_cast<size_t>(n) * width, static_cast<size_t>(own) * width, scratch);
   AddCarried(scratch, own, width, 1, K);

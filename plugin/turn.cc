@@ -99,26 +99,6 @@ Landscape LandscapeAt(const Turn& turn, const Mat3& delta) {
       for (int n = 0; n < 9; n++) of.curvature[3 * d + c] += column[9 * d + n] * product[n];
     }
   }
-  for (int p = 0; p < turn.frames; p++) {
-    Opposition opposed;
-    const Mat3 S = Mul(Transpose(D), turn.frame[p]);
-    if (!Opposes(S, turn.firmness, &opposed)) continue;
-    of.energy += opposed.energy;
-    const Mat3 by_D = Mul(turn.frame[p], opposed.Slope());
-    for (int e = 0; e < 9; e++) slope[e] += by_D[e];
-    Mat3 change[3];  // of S by turns the other way round: the curvature is the same
-    for (int c = 0; c < 3; c++) {
-      Vec3 axis{};
-      axis[c] = 1;
-      change[c] = Mul(Skew(axis), S);
-    }
-    for (int c = 0; c < 3; c++) {
-      const Mat3 pulled = opposed.SlopeChange(change[c]);
-      for (int d = 0; d < 3; d++) {
-        for (int e = 0; e < 9; e++) of.curvature[3 * c + d] += pulled[e] * change[d][e];
-      }
-    }
-  }
   for (int g = 0; g < turn.groups; g++) AddCells(turn, g, delta, column, &slope, &of);
   const Mat3 M = Mul(Transpose(D), slope);
   of.slope = {M[7] - M[5], M[2] - M[6], M[3] - M[1]};
@@ -174,63 +154,16 @@ double Descend(const Turn& turn, Mat3* delta) {
 
 }  // namespace
 
-Mat3 Opposition::Slope() const {
-  const Mat3 diagonal = {pull[0], 0, 0, 0, pull[1], 0, 0, 0, pull[2]};
-  return Mul(axes, Mul(diagonal, Transpose(axes)));
-}
-
-Mat3 Opposition::SlopeChange(const Mat3& change) const {
-  const Mat3 turned = Mul(Transpose(axes), Mul(change, axes));
-  Mat3 of;
-  for (int e = 0; e < 9; e++) of[e] = 0.5 * firmness[e] * (turned[e] + turned[3 * (e % 3) + e / 3]);
-  return Mul(axes, Mul(of, Transpose(axes)));
-}
-
-bool Opposes(const Mat3& S, double firmness, Opposition* of) {
-  if (EigenvaluesExceed(S.data(), kOpposed)) return false;
-  const Vec3 value = Eigenvectors(S, &of->axes);
-  Vec3 below;
-  of->energy = 0;
-  for (int n = 0; n < 3; n++) {
-    below[n] = std::min(0.0, value[n] - kOpposed);
-    of->pull[n] = firmness * below[n];
-    of->energy += 0.5 * firmness * below[n] * below[n];
-  }
-  for (int e = 0; e < 9; e++) {
-    const int n = e / 3, k = e % 3;
-    const double apart = value[k] - value[n];
-    const double secant = std::abs(apart) > kSameValue ? (below[k] - below[n]) / apart : (below[n] < 0 ? 1.0 : 0.0);
-    of->firmness[e] = firmness * secant;
-  }
-  return of->energy > 0;
-}
-
 Mat3 LeastTurn(const Turn& turn, bool everywhere) {
   Mat3 best{};
   double least = Descend(turn, &best);
-  const Mat3 near = PlusOne(best);
-  for (int p = 0; p < turn.frames && everywhere; p++) {
-    if (SmallestEigenvalue(Mul(Transpose(near), turn.frame[p])) < kFolded) break;
-    everywhere = p + 1 < turn.frames;
-  }
-  if (!everywhere) return best;
-  const auto from = [&](Mat3 delta) {
+  for (int axis = 0; axis < 3 && everywhere; axis++) {  // half a turn about each axis
+    Mat3 delta{};
+    for (int e = 0; e < 9; e += 4) delta[e] = e == 4 * axis ? 0 : -2;
     const double energy = Descend(turn, &delta);
-    if (!(energy < least)) return;
+    if (!(energy < least)) continue;
     least = energy;
     best = delta;
-  };
-  for (int axis = 0; axis < 3; axis++) {  // half a turn about each axis
-    Mat3 half{};
-    for (int e = 0; e < 9; e += 4) half[e] = e == 4 * axis ? 0 : -2;
-    from(half);
-  }
-  for (int p = 0; p < turn.frames; p++) {  // as frames are turned that oppose the region
-    Opposition opposed;
-    if (!Opposes(Mul(Transpose(near), turn.frame[p]), turn.firmness, &opposed)) continue;
-    Mat3 toward = ClosestRotation(turn.frame[p], kIdentity);
-    for (int e = 0; e < 9; e += 4) toward[e] -= 1;
-    from(toward);
   }
   return best;
 }

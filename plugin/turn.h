@@ -3,7 +3,7 @@
 // With z_j = R₀ᵀ x_j for some rotation R₀ and R = R₀ D, D = 1 + Δ, strains are linear in Δ and the energy of a region
 // is
 //
-//   E(D) = ½ Δ·A Δ + b·Δ + φ/2 Σ_p |(λ(sym Dᵀ S_p) − kOpposed)₋|² + Σ_q V_q ψ(F_q + M_q Δ)
+//   E(D) = ½ Δ·A Δ + b·Δ + Σ_q V_q ψ(F_q + M_q Δ)
 //
 // but for a constant. Newton's method on SO(3), D ← D exp([a]×), from several rotations; the least of what it finds.
 //
@@ -32,28 +32,10 @@ struct TurnCells {
 struct Turn {
   double curvature[81];          // A [J]
   double slope[9];               // b [J]
-  double firmness;               // φ [J]
-  int frames = 0;                // of `frame` that count
-  std::vector<Mat3> frame;       // S_p
   Law law;                       // of the cells
   int groups = 0;                // of `cells` that count
   std::vector<TurnCells> cells;  //
 };
-
-// What keeps a frame from opposing its region. V holds the eigenvectors of sym S: in these axes its slope in S is
-// diagonal, and a change of S, made symmetric, changes that by `firmness` times each entry.
-struct Opposition {
-  double energy;
-  Mat3 axes;      // V
-  Vec3 pull;      // diagonal of the slope [J]
-  Mat3 firmness;  // [J]
-
-  Mat3 Slope() const;
-  Mat3 SlopeChange(const Mat3& change) const;
-};
-
-// False where no eigenvalue of sym S is below kOpposed; `of` then tells nothing. firmness: φ [J].
-bool Opposes(const Mat3& S, double firmness, Opposition* of);
 
 // Δ of least energy. everywhere: not only near D = 1.
 Mat3 LeastTurn(const Turn& turn, bool everywhere);

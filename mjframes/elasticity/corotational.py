@@ -1,13 +1,13 @@
 """Corotational elasticity of a region, written as its equations (the paper, §5.2, with the rotation of least energy).
 
-    W   = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|² + φ/2 Σ_p |(λ(sym Rᵀ F_p) − OPPOSED)₋|²,   y_j = Rᵀ x_j − x̄_j
-    f   = −R ∂W/∂y                        force [N], the exact −∂W/∂x
-    K   = R (H − U (Zᵀ U)⁻¹ Uᵀ) Rᵀ        stiffness of a step [N/m], positive semi-definite; U = H Z;
-                                          twice that where a frame opposes
+    W   = min over R of ½ yᵀ K_e y + κ/2 |skew Rᵀ F|²,   y_j = Rᵀ x_j − x̄_j,   F = Σ_j x_j ḡ_jᵀ
+    f   = −R w,   w = ∂W/∂y               force [N], the exact −∂W/∂x
+    K   = R Pᵀ H P Rᵀ                     stiffness of a step [N/m], positive semi-definite
+    P   = 1 − Z Ω,   Ω = C⁻¹ (H Z − [a × w_j])ᵀ
 
-F = Σ_j x_j ḡ_jᵀ is the region's own gradient, F_p that of one of the frames that it has, λ(·) an eigenvalue. κ makes R
-well determined: K_e at rest does not know it. φ keeps frames from opposing their region and is zero in ordinary states.
-H = ∂²W/∂y² at fixed R. As the least of smooth functions of x, W is continuous, and has the gradient of the least one.
+κ makes R well determined: K_e at rest does not know it. H = ∂²W/∂y² at fixed R, (Z a)_j = a × z_j, Ω tells how R turns
+as the points move and C is the curvature of W in such turns; where that is about to vanish, R about to jump, a step
+takes Zᵀ H Z. As the least of smooth functions of x, W is continuous, and has the gradient of the least one.
 
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 
@@ -28,16 +28,15 @@ from numpy.typing import NDArray
 from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_hessian, stress
 
 # each as in plugin/, where they are explained
-OPPOSED = 0.4  # [-] eigenvalue of sym Rᵀ F_p below which a frame opposes its region
-OPPOSED_STEP = 2.0  # [-] of the stiffness in a step, where a frame opposes its region
-FOLDED = 0.1  # [-] the same, below which rotations farther away are tried
-TWIST_FIRMNESS, OPPOSED_FIRMNESS = 3.0, 0.5  # [-] of κ and φ, to the mean stiffness against shear
-SHOWN = 1e-3  # [-] by which a gradient at rest may miss the identity
+FOLDED = 0.4  # [-] eigenvalue of sym Rᵀ F below which rotations farther away are tried
+TWIST_FIRMNESS = 3.0  # [-] of κ, to the mean stiffness against shear
+SHOWN = 1e-3  # [-] by which the gradient at rest may miss the identity
 STEPS, HALVINGS = 60, 30  # of Newton's method for R
 SURE, CLOSE = 1e-5, 1e-9  # [rad] a shorter step is not checked, or ends it
 DESCENT = 1e-4  # [-] of the expected descent that a step has to find
 TRUST = 0.7  # [rad] longest step
-SINGULAR = 1e-8  # [-] of Zᵀ U
+SURE_TURN = 0.01  # [-] of C, to Zᵀ H Z
+SINGULAR = 1e-8  # [-] of Zᵀ H Z
 
 CROSS = np.array(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]]
@@ -62,18 +61,10 @@ def turned(rotation: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[
     return rotation @ (np.eye(3) + 2 / (1 + 0.25 * turn @ turn) * (q + q @ q))
 
 
-def opposition(stretch: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Return ½ |(λ(sym S) − OPPOSED)₋|² of S (3, 3), its slope (3, 3) and curvature (9, 9) in S."""
-    value, vector = np.linalg.eigh(0.5 * (stretch + stretch.T))
-    if value[0] >= OPPOSED:
-        return 0.0, np.zeros((3, 3)), np.zeros((9, 9))
-    below = np.minimum(value - OPPOSED, 0)
-    apart = value[:, None] - value
-    close = np.abs(apart) < 1e-12
-    secant = np.where(close, below < 0, (below[:, None] - below) / np.where(close, 1, apart))
-    mode = np.einsum("an,bk->nkab", vector, vector)
-    mode = 0.5 * (mode + mode.swapaxes(2, 3)).reshape(9, 9)
-    return 0.5 * float(below @ below), (vector * below) @ vector.T, mode.T @ (secant.reshape(9, 1) * mode)
+def sure_turn(curvature: NDArray[np.float64], size: float) -> bool:
+    """Return whether C (3, 3) is well above zero beside tr Zᵀ H Z: each pivot of its elimination."""
+    minors = [1.0, *(float(np.linalg.det(curvature[:n, :n])) for n in (1, 2, 3))]
+    return all(minors[n] > SURE_TURN * size * minors[n - 1] for n in (1, 2, 3))
 
 
 def shear_stiffness(rest: NDArray[np.float64], stiffness: NDArray[np.float64]) -> float:
@@ -108,15 +99,11 @@ class _Turn:
     """W of a region, but for a constant, as a function of a turn D = 1 + Δ of z = Rᵀ x: y = y₀ + Δᵀ z.
 
     curvature, slope: A (9, 9) and b (9,) of the quadratic part ½ Δ·A Δ + b·Δ [J].
-    firmness: φ [J].
-    stretches: S (3, 3) of what may oppose, before the turn.
     cells: with F (3, 3) before the turn, and how Δ changes it (9, 9).
     """
 
     curvature: NDArray[np.float64]
     slope: NDArray[np.float64]
-    firmness: float
-    stretches: list[NDArray[np.float64]]
     cells: list[tuple[LawCell, NDArray[np.float64], NDArray[np.float64]]]
 
     def at(self, D: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
@@ -127,14 +114,6 @@ class _Turn:
         slope = slope + self.slope
         columns = np.array([(D @ cross).ravel() for cross in CROSS]).T
         twist = columns.T @ self.curvature @ columns
-        for before in self.stretches:
-            S = D.T @ before
-            of, by_stretch, curvature = opposition(S)
-            if of:
-                total += self.firmness * of
-                slope = slope + self.firmness * (before @ by_stretch).ravel()
-                change = np.array([(cross.T @ S).ravel() for cross in CROSS]).T
-                twist = twist + self.firmness * change.T @ curvature @ change
         for cell, before, by_turn in self.cells:
             F = before[None] + (by_turn @ delta).reshape(1, 3, 3)
             total += cell.volume * float(energy(cell.law, F)[0])
@@ -176,7 +155,6 @@ class CorotationalRegion:
     rest: x̄ (m, 3) [m].
     gradient: ḡ (m, 3) [1/m].
     stiffness: K_e [N/m].
-    frames: (m, 3) gradients of each of its frames [1/m], 0 on the others' points; none of a region of one frame.
     cells: of a hyperelastic law, of which K_e is what remains.
     """
 
@@ -184,19 +162,16 @@ class CorotationalRegion:
     rest: NDArray[np.float64]
     gradient: NDArray[np.float64]
     stiffness: NDArray[np.float64]
-    frames: tuple[NDArray[np.float64], ...] = ()
     cells: tuple[LawCell, ...] = ()
 
     @cached_property
-    def shown(self) -> list[NDArray[np.float64]]:
-        """Return the gradients (m, 3) that may oppose: ḡ and those of the frames that tell all of F."""
-        some = [self.gradient, *(self.frames if len(self.frames) > 1 else ())]
-        offset = self.rest - self.rest.mean(axis=0)
-        return [g for g in some if np.abs(offset.T @ g - np.eye(3)).max() < SHOWN]
+    def solid(self) -> bool:
+        """Return whether ḡ shows all of F: the points do not lie in a plane at rest."""
+        return bool(np.abs(self._centred(self.rest).T @ self.gradient - np.eye(3)).max() < SHOWN)
 
     @cached_property
     def shear(self) -> float:
-        """Return the mean stiffness against shear [J], of which κ and φ are multiples."""
+        """Return the mean stiffness against shear [J], of which κ is a multiple."""
         cells = sum(2 * c.volume * float(hessian(c.law, np.eye(3)[None])[0][1, 1]) for c in self.cells)
         return shear_stiffness(self.rest, self.stiffness) + cells
 
@@ -213,12 +188,10 @@ class CorotationalRegion:
         start = closest_rotation(x.T @ self.gradient)
         turn = self._turn(x @ start)
         least, best = turn.descend(np.eye(3))
-        opposing = [S for S in turn.stretches if opposition(best.T @ S)[0] > 0]
-        folded = any(np.linalg.eigvalsh(best.T @ S + S.T @ best)[0] < 2 * FOLDED for S in opposing)
-        if folded or not turn.stretches:  # or nothing shows it
-            halves = [np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)) for axis in range(3)]
-            for some in halves + [closest_rotation(S) for S in opposing]:
-                found, rotation = turn.descend(some)
+        S = (start @ best).T @ x.T @ self.gradient
+        if not self.solid or np.linalg.eigvalsh(S + S.T)[0] < 2 * FOLDED:
+            for axis in range(3):  # half a turn about each
+                found, rotation = turn.descend(np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)))
                 if found < least:
                     least, best = found, rotation
         return start @ best
@@ -246,12 +219,17 @@ class CorotationalRegion:
         _, slope, curvature = self._energy(z, projected=True)
         stack = cross_stack(z)
         product = curvature @ stack
-        inverse = np.linalg.pinv(stack.T @ product, rcond=SINGULAR, hermitian=True)
+        twist = stack.T @ product
+        inverse = np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True)
         slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
+        curvatures = self._twist(z, slope, curvature)
+        if sure_turn(curvatures, np.trace(twist)):
+            follow = np.linalg.solve(curvatures, (product - cross_stack(slope.reshape(-1, 3))).T)
+        else:
+            follow = inverse @ product.T
         turn = np.kron(np.eye(len(x)), rotation)
-        apart = (np.eye(x.size) - stack @ inverse @ product.T) @ turn.T  # H − U (Zᵀ U)⁻¹ Uᵀ, without its rounding
-        opposed = any(opposition(z.T @ gradient)[0] > 0 for gradient in self.shown)
-        return -(turn @ slope).reshape(-1, 3), (OPPOSED_STEP if opposed else 1.0) * apart.T @ curvature @ apart
+        apart = (np.eye(x.size) - stack @ follow) @ turn.T
+        return -(turn @ slope).reshape(-1, 3), apart.T @ curvature @ apart
 
     def _energy(
         self, z: NDArray[np.float64], projected: bool = False
@@ -260,15 +238,6 @@ class CorotationalRegion:
         y = (z - self._centred(self.rest)).ravel()
         slope, curvature = self.firm @ y, self.firm.copy()
         total = 0.5 * float(y @ slope)
-        for gradient in self.shown:
-            of, by_stretch, change = opposition(z.T @ gradient)
-            if not of:
-                continue
-            firmness = OPPOSED_FIRMNESS * self.shear
-            total += firmness * of
-            slope = slope + firmness * (gradient @ by_stretch).ravel()
-            blocks = np.einsum("ja,racb,kb->jrkc", gradient, change.reshape(3, 3, 3, 3), gradient)
-            curvature += firmness * blocks.reshape(curvature.shape)
         for cell in self.cells:
             F = cell.deformation(y)
             total += cell.volume * float(energy(cell.law, F)[0])
@@ -293,8 +262,6 @@ class CorotationalRegion:
         return _Turn(
             lever.T @ product,
             product.T @ y,
-            OPPOSED_FIRMNESS * self.shear,
-            [z.T @ gradient for gradient in self.shown],
             [(cell, cell.deformation(y)[0], cell.slope @ lever) for cell in self.cells],
         )
 

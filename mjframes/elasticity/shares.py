@@ -5,7 +5,7 @@ K_m = ∂K/∂s_m at s = 1 sum up to K (Euler). Of a region that is what one fra
 selection.py) only the rows R = [Y, C] of the frame's own points are kept, which are all of it but for a rest Q:
 
     R(s) = s_M R + Σ_{m<M} (s_m − s_M) R_m
-    K(s) = R(s)ᵀ C(s)⁻¹ R(s) + s_M Q,   Q = K − Rᵀ C⁻¹ R
+    K(s) = R(s)ᵀ C(s)⁻¹ R(s) + s̄ Q,   Q = K − Rᵀ C⁻¹ R,   s̄ = tr C(s) / tr C
 
 That is right to first order, and positive semi-definite for all s > 0, as C(s) and Q are. Q is 0 but for what holds
 null modes. A region that is a sum over voxels has all its points as its own, and K(s) = R(s) exactly.
@@ -24,6 +24,7 @@ from mjframes.volume.material import Material
 
 Array = NDArray[np.float64]
 
+TINY = np.finfo(float).tiny
 SINGULAR = 1e-12  # [-] pivot of C, to its largest diagonal, of what has no stiffness
 
 
@@ -52,7 +53,8 @@ def scaled(matrix: Array, shares: Array, factors: Array) -> Array:
     rows = last * matrix[n:] + np.tensordot(factors[:-1] - last, shares, 1)
     found = np.empty_like(matrix)
     found[n:], found[:n, n:] = rows, rows[:, :n].T
-    found[:n, :n] = last * (matrix[:n, :n] - _carried(matrix[n:])) + _carried(rows)
+    mean = float(_parts(rows[None, :, n:])[0] / max(_parts(matrix[None, n:, n:])[0], TINY))
+    found[:n, :n] = mean * (matrix[:n, :n] - _carried(matrix[n:])) + _carried(rows)
     return found
 
 
@@ -66,8 +68,15 @@ def by_material(matrix: Array, shares: Array) -> Array:
     found[:, n:], found[:, :n, n:] = rows, rows[:, :, :n].transpose(0, 2, 1)
     crossed = rows[:, :, :n].transpose(0, 2, 1) @ follow
     found[:, :n, :n] = crossed + crossed.transpose(0, 2, 1) - follow.T @ rows[:, :, n:] @ follow
-    found[-1, :n, :n] += matrix[:n, :n] - found[:, :n, :n].sum(axis=0)
+    part = _parts(rows[:, :, n:])
+    rest = matrix[:n, :n] - found[:, :n, :n].sum(axis=0)
+    found[:, :n, :n] += (part / max(part.sum(), TINY))[:, None, None] * rest
     return found
+
+
+def _parts(blocks: Array) -> Array:
+    """tr C (M,) of blocks C (M, o, o)."""
+    return np.trace(blocks, axis1=1, axis2=2)
 
 
 def _carried(rows: Array) -> Array:

@@ -13,7 +13,6 @@ from mjframes.base.packing import lower_triangle
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.mass import uncoupled
 from mjframes.elasticity.quadrature import Quadrature
-from mjframes.elasticity.rotations import frame_gradients
 from mjframes.elasticity.stiffness import shows_rotations
 from mjframes.scene.carriers import Carrier
 from mjframes.scene.patches import Patch
@@ -35,8 +34,6 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "region_size",
     "region_point",
     "region_gradient",
-    "frame_size",
-    "frame_gradient",
     "region_stiffness",
     "materials",
     "region_own",
@@ -139,8 +136,6 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
     return {
         "region_gradient": encode(np.concatenate(gradients)),
         "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in matrices])),
-        "frame_size": encode(np.bincount(body.control.frame)),
-        "frame_gradient": encode(frame_gradients(rest, body.control.frame)),
     }
 
 

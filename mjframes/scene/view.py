@@ -67,10 +67,10 @@ class Soft:
             gradients = np.split(decode(self.configuration["region_gradient"]).reshape(-1, 3), self._ends)
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
             cells = self._cells_of(self._laws if "law_constants" in self.configuration else ())
-            parts = zip(self._points, gradients, matrices, self._frames, cells, strict=True)
+            parts = zip(self._points, gradients, matrices, cells, strict=True)
             return [
-                CorotationalRegion(points, self.rest[points], gradient, matrix, frames, own)
-                for points, gradient, matrix, frames, own in parts
+                CorotationalRegion(points, self.rest[points], gradient, matrix, own)
+                for points, gradient, matrix, own in parts
             ]
         laws = self._laws
         count = decode(self.configuration["quadrature_count"]).astype(int)
@@ -145,17 +145,6 @@ class Soft:
         return [
             tuple(LawCell(float(v), laws[int(number)], slope) for v, number, slope in zip(*some, strict=True))
             for some in zip(volumes, materials, slopes, strict=True)
-        ]
-
-    @property
-    def _frames(self) -> list[tuple[np.ndarray, ...]]:
-        """Gradients (m, 3) of each region's frames, 0 on the points of the others."""
-        own = decode(self.configuration["frame_gradient"]).reshape(-1, 3)
-        size = decode(self.configuration["frame_size"]).astype(int)
-        frame = np.repeat(np.arange(len(size)), size)
-        return [
-            tuple(np.where((frame[points] == i)[:, None], own[points], 0) for i in dict.fromkeys(frame[points]))
-            for points in self._points
         ]
 
     @cached_property

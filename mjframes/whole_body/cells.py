@@ -38,6 +38,7 @@ from mjframes.elasticity.stiffness import Stiffness, blind_to_translations
 from mjframes.kinematics.control import ControlPoints
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.following import assembled
+from mjframes.whole_body.selection import split
 from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
 
 Array = NDArray[np.float64]
@@ -127,7 +128,7 @@ def cells(
                 rest[m][every] += matrix
         for V, number, E in zip(volume[e], material[e], slope[e], strict=True):
             rest[factor[number]][every] -= V * E.T @ tangent[number] @ E
-    parts = _split(total, rest, control, stiffness.points[:shared])
+    parts = split(rest, control, stiffness.points[:shared])
     remainder = [*(matrix for matrix, _ in parts), *stiffness.matrix[shared:]]
     return Cells(
         volume=tuple(volume),
@@ -268,45 +269,3 @@ def _affordable(volume: Array, strain: Array) -> Array:
         cost = np.sum(vector[:, -1].reshape(len(volume), -1) ** 2, axis=1)  # of each cell in the costliest motion
         volume = volume * (1 - (1 - 1 / largest) * cost / cost.max())
     return volume / largest
-
-
-def _split(
-    stiffness: Array, matrices: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]
-) -> list[tuple[Array, Array]]:
-    """Positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite matrix below K; their shares.
-
-    matrices: (M, 3k, 3k) what each material has of it.
-    """
-    rest, by_one, parts = matrices.sum(axis=0), matrices.copy(), []
-    for points in reversed(regions):
-        own, every = degrees(points[control.frame[points] == control.frame[points[-1]]]), degrees(points)
-        others = every[: len(every) - len(own)]
-        value, vector = np.linalg.eigh(rest[np.ix_(own, own)])
-        kept = value > SEEN * np.diagonal(stiffness)[own].max()
-        root = vector[:, kept] * np.sqrt(value[kept])  # of the own block C
-        inverse = vector[:, kept] / np.sqrt(value[kept])
-        reach = inverse.T @ rest[np.ix_(own, every)]
-        follow = -inverse @ reach[:, : len(others)]
-        rows = by_one[:, own[:, None], every]
-        crossed = rows[:, :, : len(others)].transpose(0, 2, 1) @ follow
-        by_one[:, others[:, None], others] += crossed + crossed.transpose(0, 2, 1)
-        by_one[:, others[:, None], others] += follow.T @ rows[:, :, len(others) :] @ follow
-        parts.append((reach.T @ reach, _positive(rows, follow, root, inverse)[:-1]))
-        rest[np.ix_(every, every)] -= parts[-1][0]
-    return parts[::-1]
-
-
-def _positive(rows: Array, follow: Array, root: Array, inverse: Array) -> Array:
-    """Rows [Y_m, C_m] (M, o, o') of all materials with C_m made positive semi-definite, their sum the same.
-
-    follow: F = −C⁺ Y of the sum, C = root rootᵀ.  inverse: of the root. Y_m + C_m F, how other moduli change F, stays.
-    """
-    n = follow.shape[1]
-    value, vector = np.linalg.eigh(inverse.T @ rows[:, :, n:] @ inverse)
-    positive = (vector * np.maximum(value, 0)[:, None]) @ vector.transpose(0, 2, 1)
-    size, axes = np.linalg.eigh(positive.sum(axis=0))  # ⪰ 1
-    back = axes / np.sqrt(size) @ axes.T
-    own = root @ back @ positive @ back @ root.T
-    onto = inverse @ root.T  # what does not move C does not count
-    change = onto.T @ (rows[:, :, :n] + rows[:, :, n:] @ follow)
-    return np.concatenate([change - own @ follow, own], axis=2)

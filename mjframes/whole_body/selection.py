@@ -6,11 +6,19 @@ or held. With S_T the stiffness condensed to the frames of T, all others free,
     K ≈ Σ_i K_i,   K_i = S_{i ∪ pa(i)} − S_{pa(i)} = [−β, 1]ᵀ C [−β, 1]
 
 where C is the block of S_{i ∪ pa(i)} that belongs to i, and β the motion of i that goes with its parents': what frame i
-adds, given its parents. The sum has the exact compliance on every clique i ∪ pa(i) (Dempster, Covariance selection,
-1972; Vecchia's approximation of Gaussian fields); each K_i is positive semi-definite and blind to rigid motions, and β
-is put right for these to the last digit. K_i has the rank of C: its last rows, those of i's own points, make all of it,
-Rᵀ C⁻¹ R. What a material has of S_T is, to first order, its part of the energy of how T is followed, and of K_i the
-rows of it (elasticity/shares.py). Index letters: i frame; j, k control point; m material.
+adds, given its parents. The sum K̂ has the exact compliance on every clique i ∪ pa(i) (Dempster, Covariance selection,
+1972; Vecchia's approximation of Gaussian fields); each K_i is positive semi-definite and blind to rigid motions.
+
+K_i alone is blind to strains of the parents that the child follows. Turned together with its parents' image, a region
+would have shapes without energy that are far from rest, and bodies would stay in them. So a part of the energy is that
+of frame i and its closest parent p(i), all others free, in the region of i; of f frames
+
+    K̂ = Σ_i (K̃_i + ε S_{i, p(i)}),   ε = PAIRED / f
+
+S_T ⪯ K̂ for every T, so that Σ_i ε S_{i, p(i)} ⪯ K̂, and K̃_i splits the rest as K_i does K̂. A pair is a short way apart,
+so that its energy is right at large rotations, too. What a material has of S_T is, to first order, its part of the
+energy of how T is followed, and of a region the rows of it that belong to i's own points (elasticity/shares.py).
+Index letters: i frame; j, k control point; m material.
 """
 
 from __future__ import annotations
@@ -21,21 +29,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.base.rigid import rigid_motions, size_of
+from mjframes.base.rigid import motion_basis, rigid_motions, size_of
+from mjframes.elasticity.shares import by_material
 from mjframes.kinematics.control import ControlPoints
 from mjframes.whole_body.superelement import degrees, scaled_eigenvectors
 
 Array = NDArray[np.float64]
 
+PAIRED = 0.5  # [-] of the energy; at ¼ some bodies stay crumpled, at 1 a strip bent by its weight is a fifth too stiff
 LOOSE = 1e-11  # [-] eigenvalue of a scaled stiffness that counts as zero; rounding leaves about 1e-15
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one frame adds.
+    """The stiffness of one frame's region.
 
     points: (m,) control points, those of its parents first.
-    matrix: (3m, 3m) K_i [N/m].
+    matrix: (3m, 3m) [N/m].
     shares: (p, 3o, 3m) what p materials have of the rows of its own o points [N/m].
     """
 
@@ -61,12 +71,46 @@ def families(coupled: Iterable[NDArray[np.integer]], frames: int) -> list[list[i
 
 
 def select(matrix: Array, control: ControlPoints, parents: Sequence[Sequence[int]], shares: Array) -> list[Part]:
-    """Return K_i of each frame whose parents are given, from K (3k, 3k).  shares: (p, 3k, 3k) of it."""
+    """Return the region of each frame whose parents are given, from K (3k, 3k).  shares: (p, 3k, 3k) of it."""
     points = [np.flatnonzero(np.isin(control.frame, [*some, i])) for i, some in enumerate(parents)]
-    return [
+    given = [
         _part(some, S, control.rest[some], int(np.count_nonzero(control.frame[some] == i)))
         for i, (some, S) in enumerate(zip(points, _condense(np.stack([matrix, *shares]), points), strict=True))
     ]
+    total = np.zeros((1 + len(shares), *matrix.shape))  # by material
+    for part in given:
+        every = degrees(part.points)
+        total[:, every[:, None], every] += by_material(part.matrix, part.shares)
+    whole, rest, pairs = np.stack([total.sum(axis=0), *total[:-1]]), total.copy(), []
+    for part in given:
+        pair = _pair(part, control)
+        S = PAIRED / len(given) * _schur(whole, degrees(pair))
+        every = degrees(pair)
+        rest[:, every[:, None], every] -= np.stack([*S[1:], S[0] - S[1:].sum(axis=0)])
+        pairs.append((degrees(np.searchsorted(part.points, pair)), S))
+    parts = zip(given, split(rest, control, points), pairs, strict=True)
+    return [_with_pair(part, control, *remainder, *pair) for part, remainder, pair in parts]
+
+
+def _pair(part: Part, control: ControlPoints) -> NDArray[np.int64]:
+    """The control points of a frame and of the parent that it is coupled to most."""
+    frame = control.frame[part.points]
+    own = frame == frame[-1]
+    coupling = np.abs(part.matrix).reshape(len(frame), 3, len(frame), 3).sum(axis=(1, 3))[own].sum(axis=0)
+    of_frame = np.bincount(frame, np.where(own, 0, coupling))
+    return part.points[own | (frame == (np.argmax(of_frame) if not own.all() else -1))]
+
+
+def _with_pair(part: Part, control: ControlPoints, matrix: Array, shares: Array, at: Array, S: Array) -> Part:
+    """The region with the energy S, and its shares, of the degrees of freedom `at`."""
+    matrix, own = matrix.copy(), shares.shape[1]
+    matrix[np.ix_(at, at)] += S[0]
+    of_pair = np.zeros((len(shares), *matrix.shape))
+    of_pair[:, at[:, None], at] = S[1:]
+    rigid = motion_basis(control.rest[part.points])
+    blind = np.eye(len(matrix)) - rigid @ rigid.T  # but for rounding it is
+    matrix = blind @ matrix @ blind
+    return Part(part.points, (matrix + matrix.T) / 2, (shares + of_pair[:, len(matrix) - own :]) @ blind)
 
 
 def _condense(matrices: Array, sets: list[NDArray[np.int64]]) -> list[Array]:
@@ -126,3 +170,45 @@ def _part(points: NDArray[np.int64], condensed: Array, rest: Array, own: int) ->
         shares = relative.T @ shares @ relative
     added = relative.T @ block @ relative
     return Part(points, (added + added.T) / 2, shares)
+
+
+def split(matrices: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]) -> list[tuple[Array, Array]]:
+    """Return positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite matrix, and their shares.
+
+    The frames are eliminated from the last one on, and a frame's own block with what it couples to is its region's.
+    matrices: (M, 3k, 3k) what each material has of it.  regions: (m,) control points of each, the child's last.
+    """
+    rest, by_one, parts = matrices.sum(axis=0), matrices.copy(), []
+    largest = np.diagonal(rest).max()
+    for points in reversed(regions):
+        own, every = degrees(points[control.frame[points] == control.frame[points[-1]]]), degrees(points)
+        others = every[: len(every) - len(own)]
+        value, vector = np.linalg.eigh(rest[np.ix_(own, own)])
+        kept = value > LOOSE * largest
+        root = vector[:, kept] * np.sqrt(value[kept])  # of the own block C
+        inverse = vector[:, kept] / np.sqrt(value[kept])
+        reach = inverse.T @ rest[np.ix_(own, every)]
+        follow = -inverse @ reach[:, : len(others)]
+        rows = by_one[:, own[:, None], every]
+        crossed = rows[:, :, : len(others)].transpose(0, 2, 1) @ follow
+        by_one[:, others[:, None], others] += crossed + crossed.transpose(0, 2, 1)
+        by_one[:, others[:, None], others] += follow.T @ rows[:, :, len(others) :] @ follow
+        parts.append((reach.T @ reach, _positive(rows, follow, root, inverse)[:-1]))
+        rest[np.ix_(every, every)] -= parts[-1][0]
+    return parts[::-1]
+
+
+def _positive(rows: Array, follow: Array, root: Array, inverse: Array) -> Array:
+    """Rows [Y_m, C_m] (M, o, o') of all materials with C_m made positive semi-definite, their sum the same.
+
+    follow: F = −C⁺ Y of the sum, C = root rootᵀ.  inverse: of the root. Y_m + C_m F, how other moduli change F, stays.
+    """
+    n = follow.shape[1]
+    value, vector = np.linalg.eigh(inverse.T @ rows[:, :, n:] @ inverse)
+    positive = (vector * np.maximum(value, 0)[:, None]) @ vector.transpose(0, 2, 1)
+    size, axes = np.linalg.eigh(positive.sum(axis=0))  # ⪰ 1
+    back = axes / np.sqrt(size) @ axes.T
+    own = root @ back @ positive @ back @ root.T
+    onto = inverse @ root.T  # what does not move C does not count
+    change = onto.T @ (rows[:, :, :n] + rows[:, :, n:] @ follow)
+    return np.concatenate([change - own @ follow, own], axis=2)

@@ -79,7 +79,7 @@ def test_sensors_say_what_the_views_say(case: str) -> None:
 
 
 @pytest.mark.parametrize("make", [beam, lump])
-def test_sensors_turn_with_their_regions_where_frames_oppose_them(make: Callable[[], mf.SoftBody]) -> None:
+def test_sensors_turn_with_their_regions_where_frames_are_turned_over(make: Callable[[], mf.SoftBody]) -> None:
     model = sensed(make()).compile()
     data = mujoco.MjData(model)
     rng = np.random.default_rng(2)
