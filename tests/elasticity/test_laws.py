@@ -273,17 +273,19 @@ def test_a_region_is_the_sum_over_its_points(law: Law, m: int):
     region(materials, material, points, gradient, volume, pair, x, alone, None)
 
     F = np.einsum("jr,qja->qra", x[points], gradient)
-    energies = 0.0
+    energies, K = 0.0, np.zeros((m, 3, m, 3))
     for n in range(q):
         p = materials[material[n]]
         energies += volume[n] * energy(p, F[n : n + 1])[0]
         expected_force[points] -= volume[n] * gradient[n] @ stress(p, F[n : n + 1])[0].T
         H = projected_hessian(p, F[n : n + 1])[0].reshape(3, 3, 3, 3)
-        blocks = volume[n] * np.einsum("ja,rasb,kb->jkrs", gradient[n], H, gradient[n])
-        lower = [(j, c) for j in range(m) for c in range(j + 1)]
-        for index, (j, c) in zip(pair, lower, strict=True):
-            if index >= 0:
-                expected_stiffness[index] += blocks[j, c]
+        K += volume[n] * np.einsum("ja,rasb,kb->jrks", gradient[n], H, gradient[n])
+    turns = np.cross(np.eye(3)[:, None], x[points] - x[points].mean(axis=0)).reshape(3, -1).T  # of the current shape
+    P = np.eye(3 * m) - turns @ np.linalg.pinv(turns, rcond=1e-9)
+    K = (P @ K.reshape(3 * m, 3 * m) @ P).reshape(m, 3, m, 3)
+    for index, (j, c) in zip(pair, [(j, c) for j in range(m) for c in range(j + 1)], strict=True):
+        if index >= 0:
+            expected_stiffness[index] += K[j, :, c]
     assert found == pytest.approx(energies, rel=1e-11, abs=1e-15)
     np.testing.assert_array_equal(force, alone)
     assert np.abs(force - expected_force).max() < 1e-12 * max(1, np.abs(expected_force).max())
