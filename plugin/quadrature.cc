@@ -148,6 +148,21 @@ void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scr
   Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBlocksOf<V>(region, first, scratch); });
 }
 
+// Whether no point of a region is stretched far or inverted.
+bool IsCalm(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
+  for (int q = 0; q < region.quadrature_points; q++) {
+    const double* entry = EntryOf(&scratch->gradient, 9, first + q);
+    Mat3 F;
+    double square = 0;
+    for (int e = 0; e < 9; e++) {
+      F[e] = entry[e * kWideLanes];
+      square += F[e] * F[e];
+    }
+    if (!(square < 3 * kCalm * kCalm && Det(F) > 0)) return false;
+  }
+  return true;
+}
+
 // A [v]×
 MJFRAMES_INLINE Mat3 MulSkew(const Mat3& A, const Vec3& v) {
   Mat3 product;
@@ -159,8 +174,8 @@ MJFRAMES_INLINE Mat3 MulSkew(const Mat3& A, const Vec3& v) {
 }
 
 // Pᵀ K P = K − Z Cᵀ − C Zᵀ, C = U A − ½ Z A Zᵀ U A, U = K Z, A = (Zᵀ Z)⁻¹, of the scratch memory's blocks and x.
-void ProjectBlocks(int m, QuadratureScratch* scratch) {
-  const std::vector<Vec3>& z = scratch->x;
+MJFRAMES_INLINE void ProjectBlocksOf(int m, QuadratureScratch* scratch) {
+  const Vec3* z = scratch->x.data();
   Mat3 moment{};  // Zᵀ Z
   for (int j = 0; j < m; j++) {
     const double square = Dot(z[j], z[j]);
@@ -170,8 +185,8 @@ void ProjectBlocks(int m, QuadratureScratch* scratch) {
   if (!(trace > 0)) return;  // all points in one place
   for (int e = 0; e < 9; e += 4) moment[e] += kInLine * trace;
   const Mat3 A = Inverse(moment);
-  std::vector<Mat3>& U = scratch->turned;
-  std::fill_n(U.begin(), m, Mat3{});
+  Mat3* U = scratch->turned.data();
+  std::fill_n(U, m, Mat3{});
   const Mat3* block = scratch->block.data();
   for (int j = 0; j < m; j++) {
     for (int k = 0; k <= j; k++, block++) {
@@ -201,13 +216,18 @@ void ProjectBlocks(int m, QuadratureScratch* scratch) {
   }
 }
 
-// Adds the scratch memory's blocks to the pairs of a region.
-void AddToPairs(const QuadratureRegion& region, const QuadratureScratch& scratch, double* stiffness) {
+void ProjectBlocks(int m, QuadratureScratch* scratch) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { ProjectBlocksOf(m, scratch); });
+}
+
+// Moves the scratch memory's blocks to the pairs of a region.
+void MoveToPairs(const QuadratureRegion& region, QuadratureScratch* scratch, double* stiffness) {
   for (size_t i = 0; i < region.pair.size(); i++) {
     if (region.pair[i] < 0) continue;
     double* pair = stiffness + 9 * static_cast<size_t>(region.pair[i]);
-    for (int e = 0; e < 9; e++) pair[e] += scratch.block[i][e];
+    for (int e = 0; e < 9; e++) pair[e] += scratch->block[i][e];
   }
+  std::fill_n(scratch->block.begin(), region.pair.size(), Mat3{});
 }
 
 void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {
@@ -267,6 +287,7 @@ QuadratureScratch::QuadratureScratch(const std::vector<QuadratureRegion>& region
   }
   x.resize(points);
   block.resize(points * (points + 1) / 2);
+  plain.resize(block.size());
   turned.resize(points);
   force.resize(3 * columns);
   products.resize(27 * entries);
@@ -303,12 +324,18 @@ void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, 
       f = f - Vec3{sum[j], sum[padded + j], sum[2 * padded + j]};
     }
     if (!stiffness) continue;
-    AddBlocks(region, scratch->first[e], scratch);
+    if (!IsCalm(region, scratch->first[e], scratch)) {
+      std::swap(scratch->block, scratch->plain);
+      AddBlocks(region, scratch->first[e], scratch);
+      MoveToPairs(region, scratch, stiffness);
+      std::swap(scratch->block, scratch->plain);
+    } else {
+      AddBlocks(region, scratch->first[e], scratch);
+    }
     if (e + 1 < regions.size() && regions[e + 1].point == region.point) continue;
     Center(region, x, scratch);
     ProjectBlocks(m, scratch);
-    AddToPairs(region, *scratch, stiffness);
-    std::fill_n(scratch->block.begin(), region.pair.size(), Mat3{});
+    MoveToPairs(region, scratch, stiffness);
   }
 }
 

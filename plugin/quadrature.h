@@ -6,7 +6,8 @@
 // §6). The stiffness of a step is Pᵀ K P, P = I − Z (Zᵀ Z)⁻¹ Zᵀ, (Z a)_j = a × z_j about the points' mean: blind to
 // rotations of the current shape, which K itself resists where there is stress. A step that saw that would take angular
 // momentum away. P is that of all points of a region, of which others may have the same: how regions turn against each
-// other is left in. Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
+// other is left in. A region that is stretched beyond kCalm, or inverted, keeps K: there long steps that nothing held
+// back threw bodies apart. Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
 
 #ifndef MJFRAMES_PLUGIN_QUADRATURE_H_
 #define MJFRAMES_PLUGIN_QUADRATURE_H_
@@ -54,7 +55,8 @@ struct QuadratureScratch {
   std::vector<double> stress;           // V_q P                                            (n/8 × 9 × 8)
   std::vector<double> hessian;          // V_q ∂P/∂F                                        (n/8 × 81 × 8)
   std::vector<Vec3> x;                  // positions, centred                               (m)
-  std::vector<Mat3> block;              // K of regions with the same points, k ≤ j         (m(m+1)/2)
+  std::vector<Mat3> block;              // K of calm regions with the same points, k ≤ j    (m(m+1)/2)
+  std::vector<Mat3> plain;              // K of a region that is not calm                   (m(m+1)/2)
   std::vector<Mat3> turned;             // K Z, and C of ProjectBlocks                      (m)
   std::vector<double> force;            // by component                                     (3 × m)
   std::vector<double> products;         // V_q (∂P/∂F) ∇W_k                                 (q × 27 × m)

@@ -5,7 +5,7 @@
     f_j = −Σ_q V_q P(F_q) ∇W_j(q)         force [N], the exact −∂W/∂x
     K_jk = Σ_q V_q ∇W_jᵀ (∂P/∂F) ∇W_k     with ∂P/∂F projected, positive semi-definite
     Pᵀ K P,  P = I − Z (Zᵀ Z)⁺ Zᵀ         stiffness of a step [N/m]: blind to rotations of the current shape too,
-                                          (Z a)_j = a × (x_j − x̄)
+                                          (Z a)_j = a × (x_j − x̄); K where F is large or inverted
 
 The plugin computes the same inside `mj_step`; this is what views read and what the plugin is tested against.
 Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
@@ -24,6 +24,7 @@ from mjframes.elasticity.laws import LawParameters, energy, projected_hessian, s
 
 Array = NDArray[np.float64]
 
+CALM = 1.5  # [-] |F| / √3 below which the stiffness of a step is blind to turns, as in plugin/constants.h
 IN_LINE = 1e-6  # [-] singular value of Z, to the largest, below which points lie on a line
 
 
@@ -57,6 +58,8 @@ class HyperelasticRegion:
             force -= np.einsum("q,qra,qja->jr", V, stress(law, F[q]), slope)
             tangent = projected_hessian(law, F[q]).reshape(-1, 3, 3, 3, 3)
             stiffness += np.einsum("q,qja,qrasb,qkb->jrks", V, slope, tangent, slope, optimize=True).reshape(3 * m, -1)
+        if (np.linalg.norm(F, axis=(1, 2)) >= CALM * 3**0.5).any() or (np.linalg.det(F) <= 0).any():
+            return force, stiffness
         turns = cross_stack(x - x.mean(axis=0))
         projection = np.eye(3 * m) - turns @ np.linalg.pinv(turns, rcond=IN_LINE)
         return force, projection @ stiffness @ projection
