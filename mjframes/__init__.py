@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from mjframes.app.log.options import Log
     from mjframes.app.run import record
     from mjframes.app.video import film, look_from, still
-    from mjframes.app.watch import InstabilityWarning
     from mjframes.body.build import TurnWarning, build
     from mjframes.body.options import Paper
     from mjframes.body.soft_body import SoftBody
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
     from mjframes.scene.attach import Attachment, BranchWarning, FloatWarning, attach
     from mjframes.scene.contact import Contact
     from mjframes.scene.inertia import mass_matrix, rigid_inertia
+    from mjframes.scene.instability import InstabilityWarning
     from mjframes.scene.load import load_scene
     from mjframes.scene.near import near
     from mjframes.scene.placing import place
@@ -100,7 +100,6 @@ _HOMES = {
     "app.log.options": ("Log",),
     "app.run": ("record",),
     "app.video": ("film", "look_from", "still"),
-    "app.watch": ("InstabilityWarning",),
     "body.build": ("TurnWarning", "build"),
     "body.options": ("Paper",),
     "body.soft_body": ("SoftBody",),
@@ -108,6 +107,7 @@ _HOMES = {
     "scene.attach": ("Attachment", "BranchWarning", "FloatWarning", "attach"),
     "scene.contact": ("Contact",),
     "scene.inertia": ("mass_matrix", "rigid_inertia"),
+    "scene.instability": ("InstabilityWarning",),
     "scene.load": ("load_scene",),
     "scene.near": ("near",),
     "scene.placing": ("place",),

@@ -42,6 +42,8 @@ inline constexpr double kCollapsing = 1.5;
 inline constexpr double kCertain = 1.001;  // [-] beyond which an eigenvalue is certainly above its bound …
 inline constexpr double kRounding = 1e-6;  // … and, of |A|, above zero
 inline constexpr double kLongestStep = 1;  // [-] the longest Newton step, in F; strains well below it are not affected
+inline constexpr double kCalm = 1.5;       // [-] |F| / √3 below which the stiffness of a step is blind to turns
+inline constexpr double kInLine = 1e-13;   // [-] of Σ|z|², to which points on a line turn about it unseen
 inline constexpr double kLeastVolume = 1e-6;  // [-] least |J| that Cauchy's stress is divided by
 
 // Closest rotation and singular values (rotation.h, svd.h)

@@ -202,6 +202,7 @@ std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& coupli
     g += length;
   }
   reader->Check(first == volume.size() && g == gradient.size(), kMismatch);
+  std::stable_sort(regions.begin(), regions.end(), [](const auto& a, const auto& b) { return a.point < b.point; });
   return regions;
 }
 

@@ -102,10 +102,9 @@ MJFRAMES_INLINE void MultiplyColumns(const QuadratureRegion& region, int first, 
   }
 }
 
-// Adds Σ_q,a ∂_a W_j product[(r, a), s][k] of four j and one register of k to the pairs.
+// Adds Σ_q,a ∂_a W_j product[(r, a), s][k] of four j and one register of k to the scratch memory's blocks.
 template <typename V>
-MJFRAMES_INLINE void AddTile(const QuadratureRegion& region, const QuadratureScratch& scratch, int j0, int k0,
-                             double* stiffness) {
+MJFRAMES_INLINE void AddTile(const QuadratureRegion& region, QuadratureScratch* scratch, int j0, int k0) {
   const int padded = PadToLanes(region.size());
   V tile[kLanes][9];
   for (int r = 0; r < 3; r++) {
@@ -113,7 +112,7 @@ MJFRAMES_INLINE void AddTile(const QuadratureRegion& region, const QuadratureScr
     for (V& s : sum) s = Fill<V>(0);
     for (int q = 0; q < region.quadrature_points; q++) {
       const double* g = region.by_quadrature.data() + static_cast<size_t>(q) * 3 * padded + j0;
-      const double* t = scratch.products.data() + (static_cast<size_t>(q) * 27 + 9 * r) * padded + k0;
+      const double* t = scratch->products.data() + (static_cast<size_t>(q) * 27 + 9 * r) * padded + k0;
       for (int a = 0; a < 3; a++, g += padded, t += 3 * padded) {
         const V t0 = Load<V>(t), t1 = Load<V>(t + padded), t2 = Load<V>(t + 2 * padded);
         for (int j = 0; j < kLanes; j++) {
@@ -127,27 +126,108 @@ MJFRAMES_INLINE void AddTile(const QuadratureRegion& region, const QuadratureScr
   }
   for (int j = j0; j < std::min(j0 + kLanes, region.size()); j++) {
     int32_t pair[kWidth<V>];
-    for (int k = 0; k < kWidth<V>; k++) pair[k] = k0 + k <= j ? region.pair[j * (j + 1) / 2 + k0 + k] : -1;
-    Scatter(tile[j - j0], pair, stiffness);
+    for (int k = 0; k < kWidth<V>; k++) pair[k] = k0 + k <= j ? j * (j + 1) / 2 + k0 + k : -1;
+    Scatter(tile[j - j0], pair, scratch->block.data()->data());
   }
 }
 
-// Adds a region's blocks to the pairs.
+// Adds a region's K to the scratch memory's blocks.
 template <typename V>
-MJFRAMES_INLINE void AddBlocksOf(const QuadratureRegion& region, int first, QuadratureScratch* scratch,
-                                 double* stiffness) {
+MJFRAMES_INLINE void AddBlocksOf(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
   const int padded = PadToLanes(region.size());
   int k = 0;
   for (; k + kWidth<V> <= padded; k += kWidth<V>) MultiplyColumns<V>(region, first, k, scratch);
   for (; k < padded; k += kLanes) MultiplyColumns<Lanes>(region, first, k, scratch);
   for (int j = 0; j < padded; j += kLanes) {
-    for (k = 0; k + kWidth<V> <= j + kLanes; k += kWidth<V>) AddTile<V>(region, *scratch, j, k, stiffness);
-    for (; k <= j; k += kLanes) AddTile<Lanes>(region, *scratch, j, k, stiffness);
+    for (k = 0; k + kWidth<V> <= j + kLanes; k += kWidth<V>) AddTile<V>(region, scratch, j, k);
+    for (; k <= j; k += kLanes) AddTile<Lanes>(region, scratch, j, k);
   }
 }
 
-void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch, double* stiffness) {
-  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBlocksOf<V>(region, first, scratch, stiffness); });
+void AddBlocks(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { AddBlocksOf<V>(region, first, scratch); });
+}
+
+// Whether no point of a region is stretched far or inverted.
+bool IsCalm(const QuadratureRegion& region, int first, QuadratureScratch* scratch) {
+  for (int q = 0; q < region.quadrature_points; q++) {
+    const double* entry = EntryOf(&scratch->gradient, 9, first + q);
+    Mat3 F;
+    double square = 0;
+    for (int e = 0; e < 9; e++) {
+      F[e] = entry[e * kWideLanes];
+      square += F[e] * F[e];
+    }
+    if (!(square < 3 * kCalm * kCalm && Det(F) > 0)) return false;
+  }
+  return true;
+}
+
+// A [v]×
+MJFRAMES_INLINE Mat3 MulSkew(const Mat3& A, const Vec3& v) {
+  Mat3 product;
+  for (int r = 0; r < 9; r += 3) {
+    const Vec3 row = Cross({A[r], A[r + 1], A[r + 2]}, v);
+    for (int c = 0; c < 3; c++) product[r + c] = row[c];
+  }
+  return product;
+}
+
+// Pᵀ K P = K − Z Cᵀ − C Zᵀ, C = U A − ½ Z A Zᵀ U A, U = K Z, A = (Zᵀ Z)⁻¹, of the scratch memory's blocks and x.
+MJFRAMES_INLINE void ProjectBlocksOf(int m, QuadratureScratch* scratch) {
+  const Vec3* z = scratch->x.data();
+  Mat3 moment{};  // Zᵀ Z
+  for (int j = 0; j < m; j++) {
+    const double square = Dot(z[j], z[j]);
+    for (int e = 0; e < 9; e++) moment[e] += (e % 4 == 0 ? square : 0) - z[j][e / 3] * z[j][e % 3];
+  }
+  const double trace = moment[0] + moment[4] + moment[8];
+  if (!(trace > 0)) return;  // all points in one place
+  for (int e = 0; e < 9; e += 4) moment[e] += kInLine * trace;
+  const Mat3 A = Inverse(moment);
+  Mat3* U = scratch->turned.data();
+  std::fill_n(U, m, Mat3{});
+  const Mat3* block = scratch->block.data();
+  for (int j = 0; j < m; j++) {
+    for (int k = 0; k <= j; k++, block++) {
+      const Mat3 at = MulSkew(*block, z[k]);
+      for (int e = 0; e < 9; e++) U[j][e] -= at[e];
+      if (k == j) continue;
+      const Mat3 across = MulSkew(Transpose(*block), z[j]);
+      for (int e = 0; e < 9; e++) U[k][e] -= across[e];
+    }
+  }
+  Mat3 ZU{};
+  for (int j = 0; j < m; j++) {
+    const Mat3 some = Mul(Skew(z[j]), U[j]);
+    for (int e = 0; e < 9; e++) ZU[e] += some[e];
+  }
+  const Mat3 half = Mul(A, Mul(ZU, A));
+  for (int j = 0; j < m; j++) {
+    const Mat3 some = Mul(U[j], A), turn = Mul(Skew(z[j]), half);
+    for (int e = 0; e < 9; e++) U[j][e] = some[e] + 0.5 * turn[e];  // C
+  }
+  Mat3* into = scratch->block.data();
+  for (int j = 0; j < m; j++) {
+    for (int k = 0; k <= j; k++, into++) {
+      const Mat3 left = MulSkew(U[j], z[k]), right = MulSkew(U[k], z[j]);
+      for (int e = 0; e < 9; e++) (*into)[e] -= left[e] + right[3 * (e % 3) + e / 3];
+    }
+  }
+}
+
+void ProjectBlocks(int m, QuadratureScratch* scratch) {
+  Dispatch([&]<typename V>() MJFRAMES_KERNEL { ProjectBlocksOf(m, scratch); });
+}
+
+// Moves the scratch memory's blocks to the pairs of a region.
+void MoveToPairs(const QuadratureRegion& region, QuadratureScratch* scratch, double* stiffness) {
+  for (size_t i = 0; i < region.pair.size(); i++) {
+    if (region.pair[i] < 0) continue;
+    double* pair = stiffness + 9 * static_cast<size_t>(region.pair[i]);
+    for (int e = 0; e < 9; e++) pair[e] += scratch->block[i][e];
+  }
+  std::fill_n(scratch->block.begin(), region.pair.size(), Mat3{});
 }
 
 void Center(const QuadratureRegion& region, const Vec3* x, QuadratureScratch* scratch) {
@@ -206,6 +286,9 @@ QuadratureScratch::QuadratureScratch(const std::vector<QuadratureRegion>& region
     for (int e = 0; e < 9; e += 4) EntryOf(&gradient, 9, static_cast<int>(n))[e * kWideLanes] = 1;
   }
   x.resize(points);
+  block.resize(points * (points + 1) / 2);
+  plain.resize(block.size());
+  turned.resize(points);
   force.resize(3 * columns);
   products.resize(27 * entries);
 }
@@ -240,7 +323,19 @@ void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, 
       Vec3& f = force[region.point[j]];
       f = f - Vec3{sum[j], sum[padded + j], sum[2 * padded + j]};
     }
-    if (stiffness) AddBlocks(region, scratch->first[e], scratch, stiffness);
+    if (!stiffness) continue;
+    if (!IsCalm(region, scratch->first[e], scratch)) {
+      std::swap(scratch->block, scratch->plain);
+      AddBlocks(region, scratch->first[e], scratch);
+      MoveToPairs(region, scratch, stiffness);
+      std::swap(scratch->block, scratch->plain);
+    } else {
+      AddBlocks(region, scratch->first[e], scratch);
+    }
+    if (e + 1 < regions.size() && regions[e + 1].point == region.point) continue;
+    Center(region, x, scratch);
+    ProjectBlocks(m, scratch);
+    MoveToPairs(region, scratch, stiffness);
   }
 }
 

@@ -3,7 +3,11 @@
 //   f_j = −Σ_q V_q P ∇W_j,   K_jk = Σ_q V_q ∇W_jᵀ (∂P/∂F) ∇W_k
 //
 // with ∂P/∂F projected (hessian.h), hence K positive semi-definite (the paper, equations (9) and (10); design: f, K of
-// §6). Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
+// §6). The stiffness of a step is Pᵀ K P, P = I − Z (Zᵀ Z)⁻¹ Zᵀ, (Z a)_j = a × z_j about the points' mean: blind to
+// rotations of the current shape, which K itself resists where there is stress. A step that saw that would take angular
+// momentum away. P is that of all points of a region, of which others may have the same: how regions turn against each
+// other is left in. A region that is stretched beyond kCalm, or inverted, keeps K: there long steps that nothing held
+// back threw bodies apart. Index letters: j, k control point; q quadrature point; r, s rows of F; a, b its columns.
 
 #ifndef MJFRAMES_PLUGIN_QUADRATURE_H_
 #define MJFRAMES_PLUGIN_QUADRATURE_H_
@@ -51,6 +55,9 @@ struct QuadratureScratch {
   std::vector<double> stress;           // V_q P                                            (n/8 × 9 × 8)
   std::vector<double> hessian;          // V_q ∂P/∂F                                        (n/8 × 81 × 8)
   std::vector<Vec3> x;                  // positions, centred                               (m)
+  std::vector<Mat3> block;              // K of calm regions with the same points, k ≤ j    (m(m+1)/2)
+  std::vector<Mat3> plain;              // K of a region that is not calm                   (m(m+1)/2)
+  std::vector<Mat3> turned;             // K Z, and C of ProjectBlocks                      (m)
   std::vector<double> force;            // by component                                     (3 × m)
   std::vector<double> products;         // V_q (∂P/∂F) ∇W_k                                 (q × 27 × m)
 };
@@ -63,8 +70,8 @@ struct PointState {
 };
 
 // Adds the elastic force of all regions to `force` and, where `stiffness` is given, their stiffness, one row-major 3×3
-// block a pair of control points (deeper, shallower), to it. x: all control points of the body [m]. scratch: of these
-// regions.
+// block a pair of control points (deeper, shallower), to it. Regions with the same points should follow each other. x:
+// all control points of the body [m]. scratch: of these regions.
 void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
                    double* stiffness);
 

@@ -8,7 +8,6 @@ that are driven alarm nobody. Bodies that hang on what moves get energy through 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import mujoco
@@ -16,24 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.app.recording import STILL, Instant
-from mjframes.base.errors import Notice
+from mjframes.scene.instability import GROWN, warn
 from mjframes.scene.view import Soft
 
 GAIN = 0.1  # [-] of the energy that moved: what a body may have more than it got
 ANGLE = 0.1  # [rad] of the turn that A is found from
 TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/energy/motions.py)
-GROWN = 1.5  # [-] of the size at rest
 FOLDED = 0.5  # [s] that a region may be folded over
-HELP = "try a smaller timestep, damping, more or other frames, or another law"
-
-
-class InstabilityWarning(Notice):
-    """One sentence on what a simulated soft body does that no real one would, and on what helps."""
-
-
-def warn(sentence: str) -> None:
-    """Warn that a soft body does what the sentence says, with what helps."""
-    warnings.warn(f"soft body {sentence}; {HELP}.", InstabilityWarning, stacklevel=2)
 
 
 class Watch:
@@ -60,7 +48,7 @@ class _Watched:
     """A soft body, and what is known of it from earlier in the run."""
 
     def __init__(self, name: str, body: Soft) -> None:
-        self._name, self._soft, self._model, self._data = name, body, body.model, body.data
+        self._name, self._soft, self._model, self._data = name, body.quiet(), body.model, body.data
         self._carriers = np.unique(body.bodies)
         self._dofs = np.flatnonzero(np.isin(self._model.dof_bodyid, self._carriers))
         self._asked = _is_free(body, self._carriers, self._dofs)
@@ -80,9 +68,9 @@ class _Watched:
     def look(self, instant: Instant) -> None:
         if self._asked and "energy" not in self._told:
             self._look_at_energy(instant)
-        if is_grown(self._soft):
-            self._tell("size", f"is {size_ratio(self._soft):.2g} times as large as at rest at {instant.time:.3g} s")
-        if not is_folded(self._soft):
+        if (ratio := self._soft.size_ratio) > GROWN:
+            self._tell("size", f"is {ratio:.2g} times as large as at rest at {instant.time:.3g} s")
+        if not self._soft.is_folded:
             self._folded_since = None
         elif self._folded_since is None:
             self._folded_since = instant.time
@@ -133,24 +121,3 @@ def _turning(body: Soft) -> float:
     """A [J/rad⁴]: a step that turns the body by φ stretches it by the energy A φ⁴, largest over the axes."""
     turned = [body.elastic_energy_at(body.rest + np.cross(ANGLE * axis, body.rest)) for axis in np.eye(3)]
     return max(turned) / ANGLE**4
-
-
-def is_grown(body: Soft) -> bool:
-    """Return whether a body is far larger than at rest."""
-    return size_ratio(body) > GROWN
-
-
-def size_ratio(body: Soft) -> float:
-    """Return the root mean square distance of the mass from its centre, to that at rest [-]."""
-    return _size(body, body.control_positions) / _size(body, body.rest)
-
-
-def _size(body: Soft, x: NDArray[np.float64]) -> float:
-    mass = body.mass
-    return float(np.sqrt(mass @ ((x - mass @ x / mass.sum()) ** 2).sum(axis=1) / mass.sum()))
-
-
-def is_folded(body: Soft) -> bool:
-    """Return whether det F < 0 for the mean gradient of some region."""
-    x = body.control_positions
-    return any(np.linalg.det(x[points].T @ gradient) < 0 for points, gradient in body.mean_gradients)

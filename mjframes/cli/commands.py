@@ -84,15 +84,17 @@ def build(arguments: argparse.Namespace) -> int:
     """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml), or one for each piece."""
     if not arguments.pieces:
         return _build(arguments)
+    from mjframes.cli.inputs import numbered
     from mjframes.volume.pieces import load_pieces
 
     if len(arguments.volume) > 1:
         raise MjframesError(f"{arguments.volume[1]}: --pieces takes one mesh apart; give one file.")
-    output = Path(arguments.output)
-    for number, name in enumerate(load_pieces(arguments.volume[0])):
+    output, pieces = Path(arguments.output), list(load_pieces(arguments.volume[0]))
+    material = numbered(arguments.material, pieces, arguments.volume[0])
+    for number, name in enumerate(pieces):
         called = re.sub(r"\W+", "_", name)
         some = argparse.Namespace(**vars(arguments))
-        some.piece, some.pieces = name, False
+        some.piece, some.pieces, some.material = number + 1, pieces, material
         some.name = called if arguments.name == "soft" and not called.isdecimal() else f"{arguments.name}_{called}"
         if not arguments.into:
             some.output = str(output.with_stem(f"{output.stem}-{called}"))
@@ -184,6 +186,7 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
     from mjframes.body.build import build as build_body
     from mjframes.cli.inputs import (
         Materials,
+        of_piece,
         parse_default,
         parse_fill,
         parse_materials,
@@ -198,6 +201,10 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
         parse_fill(arguments.fill) if arguments.fill else materials.fill,
         default or materials.default,
     )
+    name = None
+    if arguments.piece is not None:
+        name = arguments.pieces[arguments.piece - 1]
+        materials = of_piece(materials, arguments.piece, arguments.pieces, arguments.volume[0])
     with printed_notices():
         volume = read_volume(
             arguments.volume,
@@ -207,7 +214,7 @@ def _built(arguments: argparse.Namespace, progress: Callable[[str], None]) -> So
             scale=METRES[arguments.unit] if arguments.unit else arguments.scale,
             drop_unknown=arguments.drop_unknown,
             up=arguments.up,
-            piece=arguments.piece,
+            piece=name,
         )
     if arguments.largest:
         volume = largest_piece(volume)

@@ -8,6 +8,7 @@ fill: {name: fat, young: 1e4, poisson: 0.45, density: 920}   # the rest of the c
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -165,6 +166,42 @@ def parse_materials(texts: Sequence[str]) -> dict[int, Material]:
             raise MjframesError(f"--material {text!r} is the second one for label {label}; give each label once.")
         found[label] = material
     return found
+
+
+def numbered(texts: Sequence[str], pieces: Sequence[str], path: str) -> list[str]:
+    """Return texts that start with the name of a piece of a mesh file with its number instead, from 1 on.
+
+    Raise MjframesError for one that starts with neither a piece's name, nor a piece's number, nor "default".
+    """
+    found = []
+    for text in texts:
+        named = [n for n, name in enumerate(pieces, 1) if text.startswith((f"{name}=", f"{name}:"))]
+        head = re.split("[=:]", text)[0].strip()
+        if named:
+            text = f"{named[0]}{text[len(pieces[named[0] - 1]) :]}"
+        elif head != "default" and not (head.isdecimal() and 1 <= int(head) <= len(pieces)):
+            raise MjframesError(
+                f"--material {text!r} is of no piece of {path}; its pieces are {', '.join(pieces)}: write a name, a "
+                f"number from 1 to {len(pieces)} or default before the material."
+            )
+        found.append(text)
+    return found
+
+
+def of_piece(materials: Materials, number: int, pieces: Sequence[str], path: str) -> Materials:
+    """Return the materials of one mesh, the piece of that number, from those of all pieces by number.
+
+    Raise MjframesError where the piece has none, and for numbers that no piece has.
+    """
+    if beyond := sorted(set(materials.by_label) - set(range(1, len(pieces) + 1))):
+        raise MjframesError(f"material {beyond[0]} has no piece; {path} has {len(pieces)}: {', '.join(pieces)}.")
+    name, own = pieces[number - 1], materials.by_label.get(number)
+    if own is None and materials.default is None:
+        raise MjframesError(
+            f"{path}: piece {name!r} has no material; give one with --material {name}=NAME:…, or --material "
+            "default=NAME:… for all pieces that have none."
+        )
+    return replace(materials, by_label={} if own is None else {1: own})
 
 
 def parse_material(text: str) -> tuple[int, Material]:

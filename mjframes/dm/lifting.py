@@ -42,7 +42,6 @@ class Arrays(Protocol):
     qpos: Any
     qvel: Any
     sensordata: Any
-    qfrc_constraint: Any
     site_xpos: Any
     site_xmat: Any
 
@@ -140,7 +139,7 @@ PROPRIOCEPTION: dict[str, Callable[[Layout, Arrays], Array]] = {
 STEAK: dict[str, Callable[[Layout, Arrays], Array]] = {
     "steak_frames": lambda at, data: at.steak.frame_positions(data.sensordata),  # f × 3 [m]
     "steak_velocities": lambda at, data: at.steak.frame_velocities(data.sensordata),  # f × 3 [m/s]
-    "steak_contact": lambda at, data: at.steak.contact_force(data.qfrc_constraint),  # 3 [N]
+    "steak_contact": lambda at, data: at.steak.contact_force(data.sensordata),  # 3 [N]
 }
 FEATURES = PROPRIOCEPTION | STEAK
 

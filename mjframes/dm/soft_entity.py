@@ -190,10 +190,8 @@ class SoftObservables(composer.Observables):
 
     @composer.observable
     def contact_force(self) -> observable.Observable:
-        """The net force (3,) of contacts, in the axes of the frame that it is attached by [N]."""
-        return observable.Generic(
-            lambda physics: self._entity.readings(physics).contact_force(physics.data.qfrc_constraint)
-        )
+        """The net force (3,) of contacts on it, held pieces included, in the world [N]."""
+        return observable.Generic(lambda physics: self._entity.readings(physics).contact_force(_sensed(physics)))
 
 
 def _sensed(physics: mjcf.Physics) -> Array:

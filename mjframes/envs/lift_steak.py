@@ -124,7 +124,7 @@ class LiftSteakVector(VectorEnv):
             raise MjframesError(f"render_mode is {render_mode!r}; many worlds are not drawn, make one LiftSteak.")
         model, self._at = _compiled()
         self.batch: Any = Batch(model, num_envs, threads)  # its fields are found by name
-        for name in ("qpos", "qvel", "sensordata", "qfrc_constraint", "site_xpos", "site_xmat"):
+        for name in ("qpos", "qvel", "sensordata", "site_xpos", "site_xmat"):
             self.batch.bind(name)
         self.num_envs, self.render_mode = num_envs, None
         self.single_action_space, self.single_observation_space = _spaces(model, self._at)

@@ -22,29 +22,31 @@ from mjframes.scene.view import Soft
 Array = NDArray[np.float64]
 Addresses = NDArray[np.int64]
 
-POSITION, VELOCITY, CENTRE = (
+POSITION, VELOCITY, CENTRE, CONTACT = (
     mujoco.mjtSensor.mjSENS_FRAMEPOS,
     mujoco.mjtSensor.mjSENS_FRAMELINVEL,
     mujoco.mjtSensor.mjSENS_SUBTREECOM,
+    mujoco.mjtSensor.mjSENS_CONTACT,
 )
+# of a contact sensor: its values are forces, one net force of all contacts
+FORCE = [1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, 3, 1]
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Where `sensordata` and `qfrc_constraint` have what a soft body does.
+    """Where `sensordata` has what a soft body does.
 
     position, velocity: (k, 3) addresses of what moves each control point.
-    centre: (3,) addresses of the centre of mass.
+    centre, contact: (3,) addresses of the centre of mass and of the net force of contacts.
     frame: (k,) of each control point; share: (k,) of its frame's mass [-].
-    roots: (3, r) degrees of freedom, along x, y and z, that carry all moving points.
     """
 
     position: Addresses
     velocity: Addresses
     centre: Addresses
+    contact: Addresses
     frame: NDArray[np.int64]
     share: Array
-    roots: Addresses
 
     def frame_positions(self, sensordata: Array) -> Array:
         """Return the centres (…, f, 3) of the frames, in the world [m]."""
@@ -58,12 +60,9 @@ class Readings:
         """Return the centre of mass (…, 3), in the world [m]."""
         return sensordata[..., self.centre]
 
-    def contact_force(self, qfrc_constraint: Array) -> Array:
-        """Return the net force (…, 3) of contacts, in the axes of the body that the soft body hangs on [N].
-
-        Of pieces that are held there the force is not in it.
-        """
-        return sum(qfrc_constraint[..., root] for root in self.roots.T)  # type: ignore[return-value]
+    def contact_force(self, sensordata: Array) -> Array:
+        """Return the net force (…, 3) of contacts on the body, held pieces included, in the world [N]."""
+        return -sensordata[..., self.contact]  # MuJoCo has what the body pushes with
 
     def _mean(self, values: Array) -> Array:
         found = np.zeros((*values.shape[:-2], self.frame[-1] + 1, 3))
@@ -78,6 +77,9 @@ def add_readings(spec: mujoco.MjSpec, name: str) -> None:
         for kind, word in ((POSITION, "position"), (VELOCITY, "velocity")):
             spec.add_sensor(name=f"{body.name}_{word}", type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=body.name)
     spec.add_sensor(name=f"{name}{SEPARATOR}centre", type=CENTRE, objtype=mujoco.mjtObj.mjOBJ_BODY, objname=name)
+    spec.add_sensor(
+        name=f"{name}{SEPARATOR}contact", type=CONTACT, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name, intprm=FORCE
+    )
 
 
 def readings(view: Soft, body: SoftBody) -> Readings:
@@ -95,13 +97,11 @@ def readings(view: Soft, body: SoftBody) -> Readings:
 
     mass = body.control.mass
     total = np.bincount(body.control.frame, mass)
-    carriers = np.unique(view.bodies)
-    roots = carriers[(model.body_parentid[carriers] == view.holder) & (model.body_jntnum[carriers] > 0)]
     return Readings(
         np.array([address(POSITION, body) for body in view.bodies]),
         np.array([address(VELOCITY, body) for body in view.bodies]),
         address(CENTRE, view.holder),
+        address(CONTACT, view.holder),
         body.control.frame.astype(np.int64),
         mass / total[body.control.frame],
-        model.body_dofadr[roots] + np.arange(3)[:, None],
     )

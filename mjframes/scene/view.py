@@ -21,9 +21,11 @@ from mjframes.elasticity.laws import LawParameters, law_of_constants
 from mjframes.elasticity.shares import scaled
 from mjframes.scene import forces, scaling
 from mjframes.scene.identity import asset_key, recall
+from mjframes.scene.instability import GROWN, spread, warn
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, rows_of, soft_name
 
+SHOWN = 0.5  # [-] det F at rest, which is 1 unless a region's points lie in a plane
 SAME_MASS = 1e-4  # [-] as in plugin/soft_body.cc: the model's masses have six digits
 
 
@@ -37,6 +39,8 @@ class Soft:
     bodies: (k,) MuJoCo body that each control point rides on.
     given: the body that it was built as, where one was given.
     Material points (n, 3) are in volume coordinates [m]; they and frames need the `SoftBody`: MjframesError without.
+    Where it is read and the body is 1.5 times as large as at rest, or a region is folded over, it warns of that once
+    (InstabilityWarning).
     """
 
     model: mujoco.MjModel
@@ -47,6 +51,7 @@ class Soft:
     bodies: np.ndarray
     configuration: dict[str, str]
     given: SoftBody | None = None
+    _untold: set[str] = field(default_factory=lambda: {"size", "fold"})
     _of_points: dict[bytes, MaterialPoints] = field(default_factory=dict)
     _of_factors: dict[bytes, list[CorotationalRegion] | list[HyperelasticRegion]] = field(default_factory=dict)
 
@@ -199,7 +204,50 @@ class Soft:
     @property
     def control_positions(self) -> np.ndarray:
         """Return x (k, 3) in the world [m]."""
+        if self._untold:
+            self._look()
+        return self._positions
+
+    @property
+    def _positions(self) -> np.ndarray:
         return self.data.xpos[self.bodies] + self._arms()
+
+    @property
+    def size_ratio(self) -> float:
+        """Return the root mean square distance of the mass from its centre, to that at rest [-]."""
+        return spread(self._built_mass, self._positions) / self._size
+
+    @cached_property
+    def _size(self) -> float:
+        return spread(self._built_mass, self.rest)
+
+    @property
+    def is_folded(self) -> bool:
+        """Return whether det F < 0 for the mean gradient of some region."""
+        return bool((np.linalg.det((self._mean_slopes @ self._positions).reshape(-1, 3, 3)) < 0).any())
+
+    @cached_property
+    def _mean_slopes(self) -> np.ndarray:
+        """(3r, k): what makes Fᵀ of x, of each region whose mean gradient shows all of F."""
+        slopes = np.zeros((len(self.mean_gradients), 3, len(self.bodies)))
+        for slope, (points, gradient) in zip(slopes, self.mean_gradients, strict=True):
+            slope[:, points] = gradient.T
+        shows = np.linalg.det(slopes @ self.rest) > SHOWN
+        return slopes[shows].reshape(-1, len(self.bodies))
+
+    def quiet(self) -> Soft:
+        """Return this view, which from now on warns of nothing: for who looks at sizes and folds, or makes them."""
+        self._untold.clear()
+        return self
+
+    def _look(self) -> None:
+        """Warn of what has not been told yet."""
+        if "size" in self._untold and self.size_ratio > GROWN:
+            self._untold.discard("size")
+            warn(f"{self.name!r} is more than {GROWN:g} times as large as at rest")
+        if "fold" in self._untold and self.is_folded:
+            self._untold.discard("fold")
+            warn(f"{self.name!r} is folded over, inside out, in some region")
 
     @property
     def control_velocities(self) -> np.ndarray:
@@ -321,7 +369,11 @@ class Soft:
         return self._axes @ stress @ self._axes.T
 
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
-        """Return the strain energy per volume at rest (n,) at material points [J/m³]."""
+        """Return the strain energy per volume at rest (n,) at material points [J/m³].
+
+        `elastic_energy` has more where a body is folded far: what its regions hold against turning and against frames
+        that oppose them (κ and φ of `mjframes.elasticity.corotational`), which is of no point of the material.
+        """
         some = self._at(points)
         return self._factors[some.factor] * some.response(self._elastic[1], self._local)[1]
 

@@ -16,13 +16,14 @@ from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.worlds import Stepping
 from mjframes.app.measure import measure, state_of
 from mjframes.app.run import record
-from mjframes.app.watch import FOLDED, HELP, InstabilityWarning, Watch, is_folded, is_grown, size_ratio
+from mjframes.app.watch import FOLDED, Watch
 from mjframes.benchmarks.check.states import jacobian, move_points
-from mjframes.body.build import build
+from mjframes.body.build import TurnWarning, build
 from mjframes.body.soft_body import SoftBody
 from mjframes.cli.commands import main
 from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
+from mjframes.scene.instability import GROWN, HELP, InstabilityWarning
 from mjframes.scene.load import load_scene, start
 from mjframes.scene.scene_file import standalone_scene
 from mjframes.scene.view import soft
@@ -122,14 +123,14 @@ def test_a_body_that_grows_is_told_of() -> None:
     model, data = compiled(SPACE.format(timestep=0.002), (bar(), (0, 0, 0), TILTED), contact=False)
     view = soft(model, data, "soft0")
     mujoco.mj_forward(model, data)
-    assert size_ratio(view) == pytest.approx(1)
+    assert view.size_ratio == pytest.approx(1)
     move_points(view, 1.4 * view.control_positions)
     assert said(lambda: watched(model, data, 1)) == []
     mujoco.mj_resetData(model, data)
     mujoco.mj_forward(model, data)
     move_points(view, 1.6 * view.control_positions)
     mujoco.mj_kinematics(model, data)
-    assert is_grown(view)
+    assert view.size_ratio > GROWN
     assert said(lambda: watched(model, data, 1)) == [
         "soft body 'soft0' is 1.6 times as large as at rest at 0 s; try a smaller timestep, damping, more or other "
         "frames, or another law."
@@ -149,7 +150,7 @@ def test_what_stays_folded_is_told_of_and_what_unfolds_is_not(law: str, method: 
     def look(time: float, x: np.ndarray) -> None:
         move_points(view, x)
         mujoco.mj_forward(model, data)
-        assert is_folded(view) == (x is not rest)
+        assert view.is_folded == (x is not rest)
         data.time = time
         watch.look(measure(model, data, bodies, state_of(data), 0.0))
 
@@ -161,6 +162,39 @@ def test_what_stays_folded_is_told_of_and_what_unfolds_is_not(law: str, method: 
     (sentence,) = said(lambda: look(0.6 + FOLDED, inside_out), "folded")
     assert "'soft0' has been folded over, inside out, since 0.6 s; try" in sentence
     assert said(lambda: look(2.0, inside_out), "folded") == []
+
+
+@pytest.mark.parametrize("method", ["whole_body", "paper"])
+def test_who_reads_a_body_is_told_once_that_it_is_too_large_or_folded_over(method: str) -> None:
+    model, data = compiled(SPACE.format(timestep=0.002), (bar(method=method), (0, 0, 0), TILTED), contact=False)
+    view = soft(model, data, "soft0")
+    assert said(lambda: view.elastic_energy) == []  # of data in which nothing is known yet
+    mujoco.mj_forward(model, data)
+    rest, mover = view.control_positions.copy(), soft(model, data, "soft0").quiet()
+
+    def read(x: np.ndarray) -> list[str]:
+        move_points(mover, x)
+        mujoco.mj_forward(model, data)
+        return said(lambda: (view.elastic_energy, view.elastic_forces, view.positions([[0.05, 0.03, 0.03]])))
+
+    assert read(rest) == read(1.4 * rest) == []
+    assert read(1.6 * rest) == [f"soft body 'soft0' is more than 1.5 times as large as at rest; {HELP}."]
+    assert read(-rest) == [f"soft body 'soft0' is folded over, inside out, in some region; {HELP}."]
+    assert read(-2 * rest) == []
+    assert said(lambda: mover.elastic_energy) == []
+
+
+def test_a_body_of_points_on_a_line_is_not_folded() -> None:
+    """Its region shows no volume: det F is rounding."""
+    volume = Volume.from_labels(np.ones((9, 3, 3), int), 0.01, {1: Material(2e5, 0.4, 1000)})
+    with pytest.warns(TurnWarning):
+        made = build(volume, 2, frame_type="point")
+    model, data = compiled(SPACE.format(timestep=0.002), (made, (0, 0, 0), TILTED), contact=False)
+    view = soft(model, data, "soft0")
+    for push in np.random.default_rng(0).normal(0, 1e-3, (20, model.nq)):
+        data.qpos[:] = push
+        mujoco.mj_forward(model, data)
+        assert said(lambda: view.elastic_energy) == []
 
 
 def test_a_held_body_is_not_asked_for_energy_that_comes_through_what_holds_it() -> None:

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "hessian.h"
 #include "quadrature.h"
 #include "svd.h"
 
@@ -21,7 +22,7 @@ EXPORT int respond(const char* name, const double* constants, int n, const doubl
   const auto law = LawOfName(name);
   if (!law) return -1;
   const LawParameters material = ParametersOf(*law, constants);
-  // x(p) = x₀ + F p on a tetrahedron: force j > 0 is −P's column j − 1, block (j, k) that part of ∂P/∂F
+  // x(p) = x₀ + F p on a tetrahedron: force j > 0 is −P's column j − 1
   double gradient[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   const double volume = 1;
   std::vector<int32_t> pair(10);
@@ -37,20 +38,15 @@ EXPORT int respond(const char* name, const double* constants, int n, const doubl
         for (int a = 0; a < 3; a++) x[j][r] += F[3 * r + a] * kTetrahedron[j][a];
       }
     }
-    double stiffness[90] = {};
-    AddQuadrature(regions, x, &scratch, force, stiffness);
+    AddQuadrature(regions, x, &scratch, force, nullptr);
     for (int r = 0; r < 3; r++) {
       for (int a = 0; a < 3; a++) P[9 * i + 3 * r + a] = -force[a + 1][r];
     }
-    for (int j = 1; j < 4; j++) {
-      for (int k = 1; k <= j; k++) {
-        const double* block = stiffness + 9 * (j * (j + 1) / 2 + k);
-        for (int e = 0; e < 9; e++) {
-          const int row = 3 * (e / 3) + j - 1, column = 3 * (e % 3) + k - 1;
-          hessian[81 * i + 9 * row + column] = hessian[81 * i + 9 * column + row] = block[e];
-        }
-      }
-    }
+    const LawParameters materials[kLanes] = {material, material, material, material};
+    Lanes side[9], H[81];
+    for (int e = 0; e < 9; e++) side[e] = Fill(F[e]);
+    ProjectedHessian(side, SlopesOf(*law, materials, InvariantsOf(side)), H);
+    for (int e = 0; e < 81; e++) hessian[81 * i + e] = H[e][0];
     PointState state;
     QuadratureStates(regions[0], x, &scratch, &state);
     energy[i] = state.energy;

@@ -82,8 +82,20 @@ def test_observations_are_what_the_view_says() -> None:
     world.physics.forward()  # dm_control leaves the constraints of the step before
     for entity in entities:
         expected = entity.soft(world.physics).contact_forces.sum(axis=0)
-        found = entity.readings(world.physics).contact_force(world.physics.data.qfrc_constraint)
+        found = entity.readings(world.physics).contact_force(world.physics.data.sensordata)
         np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_the_contact_force_counts_what_is_held() -> None:
+    """A slab that is glued at its lower side carries a free one: what it is pushed with is the other's weight."""
+    volume = mf.Volume.from_labels(np.ones((6, 6, 3), int), 0.01, {1: mf.Material(1e5, 0.3, 1000)})
+    lower = SoftEntity(mf.build(volume, 2, supports=mf.Fixed(volume.side("-z"))), "lower")
+    upper = SoftEntity(mf.build(volume, 2, damping=(20.0, 0.005)), "upper", position=(0, 0, 0.081))
+    world = environment(lower, upper, time_limit=1.0)
+    seen = last_observation(world)
+    weight = 9.81 * world.physics.bind(upper.mjcf_model.worldbody.body["upper"]).subtreemass
+    np.testing.assert_allclose(seen["lower/contact_force"], [0, 0, -weight], atol=1e-3 * weight)
+    np.testing.assert_allclose(seen["upper/contact_force"], [0, 0, weight], atol=1e-3 * weight)
 
 
 def test_poses_are_what_was_asked_for() -> None:

@@ -250,9 +250,9 @@ def test_singular_values_are_signed_and_accurate():
     assert (np.sign(sigma[clear, 2]) == np.sign(determinant[clear])).all()
 
 
-@pytest.mark.parametrize("m", [1, 4, 7, 12, 30])
+@pytest.mark.parametrize(("m", "calm"), [(1, False), (4, False), (7, False), (12, False), (30, False), (30, True)])
 @pytest.mark.parametrize("law", LAWS)
-def test_a_region_is_the_sum_over_its_points(law: Law, m: int):
+def test_a_region_is_the_sum_over_its_points(law: Law, m: int, calm: bool):
     rng = np.random.default_rng(m)
     q, k = 6, m + 5
     materials = [law_parameters(law, Material(1e4, 0.3, 1000)), law_parameters(law, Material(5e5, 0.45, 1000))]
@@ -262,6 +262,10 @@ def test_a_region_is_the_sum_over_its_points(law: Law, m: int):
     gradient -= gradient.mean(axis=1, keepdims=True)  # Σ_j ∇W_j = 0
     volume = rng.uniform(0.5, 2, q) * 1e-6
     x = rng.normal(size=(k, 3)) / np.sqrt(m) + 3
+    if calm:  # near a rotation everywhere
+        wanted = np.tile(np.linalg.qr(rng.normal(size=(3, 3)))[0] + 0.1 * rng.normal(size=(3, 3)), q).T
+        wanted *= np.sign(np.linalg.det(wanted[:3]))
+        x[points] = 3 + np.linalg.lstsq(gradient.transpose(0, 2, 1).reshape(3 * q, m), wanted, rcond=None)[0]
     count = m * (m + 1) // 2
     pair = rng.permutation(count + 4)[:count].astype(np.int32)
     pair[rng.random(count) < 0.2] = -1
@@ -273,17 +277,23 @@ def test_a_region_is_the_sum_over_its_points(law: Law, m: int):
     region(materials, material, points, gradient, volume, pair, x, alone, None)
 
     F = np.einsum("jr,qja->qra", x[points], gradient)
-    energies = 0.0
+    energies, K = 0.0, np.zeros((m, 3, m, 3))
     for n in range(q):
         p = materials[material[n]]
         energies += volume[n] * energy(p, F[n : n + 1])[0]
         expected_force[points] -= volume[n] * gradient[n] @ stress(p, F[n : n + 1])[0].T
         H = projected_hessian(p, F[n : n + 1])[0].reshape(3, 3, 3, 3)
-        blocks = volume[n] * np.einsum("ja,rasb,kb->jkrs", gradient[n], H, gradient[n])
-        lower = [(j, c) for j in range(m) for c in range(j + 1)]
-        for index, (j, c) in zip(pair, lower, strict=True):
-            if index >= 0:
-                expected_stiffness[index] += blocks[j, c]
+        K += volume[n] * np.einsum("ja,rasb,kb->jrks", gradient[n], H, gradient[n])
+    turns = np.cross(np.eye(3)[:, None], x[points] - x[points].mean(axis=0)).reshape(3, -1).T  # of the current shape
+    P = np.eye(3 * m) - turns @ np.linalg.pinv(turns, rcond=1e-9)
+    if calm:
+        assert (np.linalg.norm(F, axis=(1, 2)) < 2).all()
+        assert (np.linalg.det(F) > 0).all()
+        K = (P @ K.reshape(3 * m, 3 * m) @ P).reshape(m, 3, m, 3)
+    lower = [(j, k) for j in range(m) for k in range(j + 1)]
+    for index, (j, k) in zip(pair, lower, strict=True):
+        if index >= 0:
+            expected_stiffness[index] += K[j, :, k]
     assert found == pytest.approx(energies, rel=1e-11, abs=1e-15)
     np.testing.assert_array_equal(force, alone)
     assert np.abs(force - expected_force).max() < 1e-12 * max(1, np.abs(expected_force).max())

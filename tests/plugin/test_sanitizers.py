@@ -126,11 +126,14 @@ def crowded(path: Path) -> Path:
     attach(spec, beam(), "beam", pos=(0.2, 0.1, 0.0))
     attach(spec, lump(0.5, 0.001), "lump", pos=(-0.4, 0.1, -0.3))
     add_sensor(spec, beam(), "beam", "elastic_energy")
-    add_sensor(spec, beam(), "beam", "stress", [[0.05, 0.02, 0.02], [0.2, 0.02, 0.02]])
+    for quantity in ("stress", "position", "velocity"):
+        add_sensor(spec, beam(), "beam", quantity, [[0.05, 0.02, 0.02], [0.2, 0.02, 0.02]])
+    add_sensor(spec, beam(), "beam", "contact_force")
     attach(spec, turning, "block", pos=(0.2, -0.3, 0.0))
     attach(spec, bar("arruda_boyce", "whole_body"), "bar", pos=(0.5, -0.3, 0.0))
     add_sensor(spec, bar("arruda_boyce", "whole_body"), "bar", "elastic_energy")
-    add_sensor(spec, turning, "block", "strain", [[0.06, 0.02, 0.02]])
+    for quantity in ("strain", "position", "velocity"):
+        add_sensor(spec, turning, "block", quantity, [[0.06, 0.02, 0.02]])
     attach(spec, beam(beta=0.001), "upper", pos=(0.21, 0.11, 0.039))
     spec.compile()
     path.write_text(spec.to_xml())

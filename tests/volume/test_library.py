@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import nibabel
@@ -42,6 +43,14 @@ def test_every_material_can_be_made_and_says_where_it_is_from(name: str) -> None
     assert (material.name, material.density) == (name, LIBRARY[name].density)
     assert material.is_rigid == (LIBRARY[name].young is None)
     assert len(LIBRARY[name].source) > 20
+
+
+def test_silicones_have_the_modulus_that_their_source_gives() -> None:
+    found = {name: re.search(r"100 % modulus (\d+) psi", known.source) for name, known in LIBRARY.items()}
+    assert sum(match is not None for match in found.values()) == 6
+    for name, match in found.items():
+        if match is not None:
+            assert LIBRARY[name].young == pytest.approx(6894.76 * int(match[1]), rel=0.004)
 
 
 def test_an_unknown_name_is_told_with_the_known_ones() -> None:

@@ -68,7 +68,7 @@ def test_gltf_is_read(tmp_path: Path) -> None:
 
 def test_a_body_is_built_of_each_piece(parts: Path, tmp_path: Path) -> None:
     command = ["build", str(parts), "--pieces", "--unit", "mm", "--voxels", "60", "--frames", "1"]
-    command += ["--material", "1:young=1e5,poisson=.4,density=1000"]
+    command += ["--material", "default=stuff:young=1e5,poisson=.4,density=1000"]
     assert main([*command, "-o", str(tmp_path / "a.npz")]) == 0
     masses = [mf.SoftBody.load(tmp_path / f"a-{number}.npz").control.mass.sum() for number in (1, 2)]
     assert masses == pytest.approx([56e-6, 8e-6], rel=0.1)
@@ -79,6 +79,38 @@ def test_a_body_is_built_of_each_piece(parts: Path, tmp_path: Path) -> None:
     assert model.body("part_1").id > 0
     assert model.body("part_2").id > 0
     assert main([*command, str(parts), "-o", str(tmp_path / "c.npz")]) == 2
+
+
+def test_each_piece_may_have_its_own_material(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "two.glb"
+    path.write_bytes(scene().export(file_type="glb"))
+    first, second = mf.load_pieces(path)
+    command = ["build", str(path), "--pieces", "--unit", "mm", "--voxels", "30", "--frames", "1"]
+    command += ["-o", str(tmp_path / "a.npz")]
+
+    def built(*materials: str) -> list[str]:
+        assert main([*command, *(word for text in materials for word in ("--material", text))]) == 0
+        return [mf.SoftBody.load(tmp_path / f"a-{name}.npz").materials[1].name for name in (first, second)]
+
+    assert built(f"{second}=fat", f"{first}=liver") == ["liver", "fat"]
+    assert built("2=fat", "1=liver") == ["liver", "fat"]
+    assert built("default=fat", f"{first}=liver:young=9e3") == ["liver", "fat"]
+    (tmp_path / "m.yaml").write_text("2: fat\ndefault: liver")
+    command += ["--materials", str(tmp_path / "m.yaml")]
+    assert built() == ["liver", "fat"]
+    capsys.readouterr()
+    for text, sentence in (
+        ("middle=fat", f"--material 'middle=fat' is of no piece of {path}; its pieces are {first}, {second}: write a "),
+        ("3=fat", f"--material '3=fat' is of no piece of {path}; its pieces are {first}, {second}: write a "),
+    ):
+        assert main([*command, "--material", text]) == 2
+        assert sentence in capsys.readouterr().err
+    (tmp_path / "m.yaml").write_text("2: fat")
+    assert main(command) == 2
+    assert f"piece {first!r} has no material; give one with --material {first}=NAME:" in capsys.readouterr().err
+    (tmp_path / "m.yaml").write_text("3: fat\ndefault: liver")
+    assert main(command) == 2
+    assert f"material 3 has no piece; {path} has 2: {first}, {second}." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["vtu", "msh", "vtk"])

@@ -18,9 +18,10 @@ from mujoco.batch import Batch, SimulationError
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.push import LENGTH, pushes
 from mjframes.app.collect.variation import Varied, stream, variations
-from mjframes.app.watch import FOLDED, is_folded, is_grown, warn
+from mjframes.app.watch import FOLDED
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
+from mjframes.scene.instability import GROWN, warn
 from mjframes.scene.load import mujoco_warnings, start
 
 HOLD = 0.1  # [s] that a random control lasts
@@ -132,7 +133,7 @@ class Stepping:
         """
         last = _steps(FOLDED, 1 / self.plan.rate)
         for name in view.soft_names(self.model):
-            body, grown, folded = view.soft(self.model, self.data, name), [], []
+            body, grown, folded = view.soft(self.model, self.data, name).quiet(), [], []
             for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
                 found = [self._looked_at(body, entry) for entry in entries[max(0, number - last) : number]]
                 grown += [world] * bool(found and found[-1][0])
@@ -145,7 +146,7 @@ class Stepping:
         """Whether a body is grown, and folded, at qpos."""
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
-        return is_grown(body), is_folded(body)
+        return body.size_ratio > GROWN, body.is_folded
 
 
 class _Inputs:

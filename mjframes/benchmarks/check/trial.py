@@ -72,7 +72,7 @@ def run(case: Case) -> Outcome:
     """Run a case from the disturbed start to the end."""
     made = body(case.kind, case.young)
     model, data = _scene(case, made)
-    view = soft(model, data, "soft")
+    view = soft(model, data, "soft").quiet()
     _disturb(case, model, data, view)
     mujoco.mj_forward(model, data)
     energies, stiffness, depth, sank, spun = [_energy(view)], stiffness_ratio(view), 0.0, 0, 0

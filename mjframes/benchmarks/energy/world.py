@@ -123,7 +123,7 @@ def world(body: SoftBody) -> World:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    view = soft(model, data, NAME)
+    view = soft(model, data, NAME).quiet()
     mass = view.mass
     start = view.control_positions
     rest = start - mass @ start / mass.sum()
