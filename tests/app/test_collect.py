@@ -191,7 +191,7 @@ def test_what_a_killed_process_left_half_written_goes(scene: Path, whole: Path, 
 def test_a_shard_that_was_damaged_is_computed_again(
     scene: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A bit that flips, in what was found intact by MCAP's readers as well: metadata have no checksum that they look at."""
+    """A bit that flips, also where MCAP's readers find none: they look at no checksum of metadata."""
     out = tmp_path / "runs"
     shutil.copytree(whole, out)
     path = out / "shard-00001.mcap"

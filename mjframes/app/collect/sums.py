@@ -1,4 +1,4 @@
-"""Digests of shards, as `sha256sum` writes and checks them: a finished shard is known again, and one that was damaged."""
+"""Digests of shards, as `sha256sum` writes and checks them: they tell a finished shard from one that was damaged."""
 
 from __future__ import annotations
 
