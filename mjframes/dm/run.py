@@ -1,9 +1,10 @@
 """Run through a corridor: dm_control's rodent with soft flesh, and the same task with the bare one.
 
 The task is `RunThroughCorridor` of dm_control.locomotion. An episode starts with the walker upright at the corridor's
-beginning, up to 0.3 m beside its middle and turned by 0.3 rad at most, and ends after 20 s, or earlier, with discount 0, where a foot or a lower arm is 30 cm below the ground. The
-action is that of the walker's 38 motors in [-1, 1]. The reward, in every step, is 1 at a speed of 1 m/s along the
-corridor and falls off to 0 at 0 and 2 m/s. Seed, actions and machine determine an episode to the bit.
+beginning, drawn up to 30 cm beside the middle and 0.3 rad off the direction. It ends after 20 s, or earlier, with
+discount 0, where a foot or a lower arm is 30 cm below the ground. The action is that of the walker's 38 motors in
+[-1, 1]. The reward, in every step, is 1 at a speed of 1 m/s along the corridor and falls off to 0 at 0 and 2 m/s. Seed,
+actions and machine determine an episode to the bit.
 
 With flesh the rodent has 0.66 kg instead of 0.34, of water's density in the skin, and the same motors.
 """

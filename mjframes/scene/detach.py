@@ -1,4 +1,4 @@
-"""Taking a soft body out of a scene: `MjSpec.delete` takes bodies, and leaves skins, which then name bodies that are not.
+"""Taking a soft body out of a scene: `MjSpec.delete` takes its bodies alone, and skins that name them cannot compile.
 
 MuJoCo cannot delete a default class; the empty one of the soft body stays.
 """

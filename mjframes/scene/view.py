@@ -409,8 +409,8 @@ class Soft:
     def body(self) -> SoftBody:
         """Return what was built.
 
-        Raise MjframesError where it was not given and is not known in this process: it was not attached here, or nothing
-        of the program has kept it.
+        Raise MjframesError where it was not given and is not known in this process: it was not attached here, or
+        nothing of the program has kept it.
         """
         body = self.given or recall(self.configuration["asset"])
         if body is None:
