@@ -48,7 +48,7 @@ report: $(VENV)/installed $(VENV4)/installed
 check: $(VENV)/installed
 	$(VENV)/bin/mjframes check
 	$(VENV)/bin/python -m mjframes.benchmarks.energy
-	$(VENV)/bin/python -m mjframes.benchmarks.check.damage
+	$(VENV)/bin/python -m mjframes.cli.damage
 
 wheels: $(VENV)/installed-wheels
 	rm -rf dist

@@ -32,8 +32,8 @@ from mjframes.app.recording import Instant, State
 from mjframes.app.replay import film_of, plot_of, state_at
 from mjframes.app.run import record
 from mjframes.base.errors import MjframesError
-from mjframes.benchmarks.check.damage import rewritten
 from mjframes.body.build import build
+from mjframes.cli.damage import rewritten
 from mjframes.scene.packed import NUMBERS, SCENE, pack, unpack
 from mjframes.scene.scene_file import standalone_scene
 from mjframes.scene.view import soft

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from mjframes.benchmarks.check import damage
 from mjframes.benchmarks.check.apart import Report
+from mjframes.cli import damage
 
 pytest.importorskip("mcap")
 

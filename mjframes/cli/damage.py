@@ -4,7 +4,7 @@ A file is made of its seed: a good one, of which some arrays, messages, facts or
 bytes. The command line reads it in a process of its own. What may come of it is what comes of a good file, or one
 sentence: no traceback, and no process that dies.
 
-python -m mjframes.benchmarks.check.damage
+python -m mjframes.cli.damage
 """
 
 from __future__ import annotations
