@@ -5,7 +5,7 @@
 #   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
-#   make check         extreme states, and energy that comes from nothing, of bodies that nobody tuned: out/
+#   make check         extreme states, and energy that comes from nothing, of bodies that nobody tuned: out/; damaged files
 #   make wheels        a wheel for x86-64 and one for aarch64, with a library for every MuJoCo, and a source distribution: dist/
 #   make check-wheels  installs these into clean environments without a compiler, and steps the steak there
 #   make docs          the documentation: build/docs/index.html
@@ -48,6 +48,7 @@ report: $(VENV)/installed $(VENV4)/installed
 check: $(VENV)/installed
 	$(VENV)/bin/mjframes check
 	$(VENV)/bin/python -m mjframes.benchmarks.energy
+	$(VENV)/bin/python -m mjframes.cli.damage
 
 wheels: $(VENV)/installed-wheels
 	rm -rf dist

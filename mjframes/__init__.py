@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from mjframes.frames.supports import Attached, Fixed
     from mjframes.scene.attach import Attachment, BranchWarning, FloatWarning, attach
     from mjframes.scene.contact import Contact
+    from mjframes.scene.detach import detach
     from mjframes.scene.inertia import mass_matrix, rigid_inertia
     from mjframes.scene.instability import InstabilityWarning
     from mjframes.scene.load import load_scene
@@ -80,6 +81,7 @@ __all__ = [
     "build",
     "choose_solver",
     "collect",
+    "detach",
     "film",
     "load_pieces",
     "load_scene",
@@ -106,6 +108,7 @@ _HOMES = {
     "frames.supports": ("Attached", "Fixed"),
     "scene.attach": ("Attachment", "BranchWarning", "FloatWarning", "attach"),
     "scene.contact": ("Contact",),
+    "scene.detach": ("detach",),
     "scene.inertia": ("mass_matrix", "rigid_inertia"),
     "scene.instability": ("InstabilityWarning",),
     "scene.load": ("load_scene",),

@@ -13,8 +13,10 @@ from mjframes.app.plot import plot_file
 from mjframes.app.ticks import Ticks
 from mjframes.app.video import film
 from mjframes.base.errors import MjframesError
-from mjframes.scene.load import mujoco_warnings, start
+from mjframes.scene.load import mujoco_warnings, sentence, start
 from mjframes.scene.packed import unpack
+
+MOST_FRAMES = 10**6  # of a film: nine hours at 30 frames a second
 
 
 def film_of(
@@ -31,13 +33,24 @@ def film_of(
     states, model = log.states(), unpack(log.files, log.path)
     with mujoco_warnings() as warnings:
         data = start(model, warnings)
+    if (last := max(state["time"] for state in states)) * fps > MOST_FRAMES:
+        raise MjframesError(
+            f"{log.path}: its states go on to {last:g} s, for more than {MOST_FRAMES:,} frames; "
+            "give a lower --fps, if it is not damaged."
+        )
     ticks = Ticks(fps, early=float(log.about["timestep"]) / 2)
-    with film(model, path, camera=camera, fps=fps, size=size) as draw:
+    with film(model, path, camera=camera, fps=fps, size=size) as draw, mujoco_warnings() as warnings:
         for state in states:
             if due := ticks.due(state["time"]):
-                set_state(model, data, state, log.path)
-                for _ in range(due):
-                    draw(data)
+                try:
+                    set_state(model, data, state, log.path)
+                    for _ in range(due):
+                        draw(data)
+                except mujoco.FatalError as error:
+                    reason = sentence(error, warnings)
+                    raise MjframesError(
+                        f"{log.path}: MuJoCo cannot draw its state at {state['time']:g} s ({reason})."
+                    ) from error
 
 
 def plot_of(log: Logged, path: str | os.PathLike[str]) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.memory import available_memory
 
 LARGEST = 2**33  # [bytes] of all arrays of a file: a volume of as many cells as a grid may have, of the widest labels
 SUFFIX = ".npy"  # of an archive's members
@@ -47,8 +48,9 @@ class Arrays(Mapping[str, NDArray[Any]]):
     def __init__(self, source: str | os.PathLike[str] | IO[bytes]) -> None:
         self._archive = zipfile.ZipFile(source)
         self._members = {info.filename.removesuffix(SUFFIX): info for info in self._archive.infolist()}
-        if (size := sum(info.file_size for info in self._archive.infolist())) > LARGEST:
-            raise ValueError(f"its arrays take {size / 2**30:.3g} GiB, and {LARGEST >> 30} are the most that is read")
+        most = min(LARGEST, available_memory())
+        if (size := sum(info.file_size for info in self._archive.infolist())) > most:
+            raise ValueError(f"its arrays take {size / 2**30:.3g} GiB, and {most / 2**30:.3g} can be read")
 
     def __enter__(self) -> Arrays:
         return self

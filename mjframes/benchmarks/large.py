@@ -111,7 +111,7 @@ def jobs_of(source: str, count: int | None, frames: Sequence[int]) -> list[Job]:
 
 def ring_file(folder: str) -> str:
     """Write a tilted ring of 0.3 m, a mesh of 24,000 triangles whose box is one sixth full, as the paper's dragon's."""
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     ring = trimesh.creation.torus(0.12, 0.035, major_sections=200, minor_sections=60)
     ring.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, [1, 1, 0]))
@@ -193,7 +193,7 @@ def _build(job: Job, path: str) -> Volume:
 
 def _spacing(mesh: str, cells: int) -> float:
     """[m] at which the mesh's bounding box has so many cells."""
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     low, high = trimesh.load_scene(mesh, process=False).bounds
     return float(np.prod(high - low) / cells) ** (1 / 3)

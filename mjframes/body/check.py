@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from mjframes.body.soft_body import SoftBody
 
 Shape = tuple[int | None, ...]  # None for any length
+UNITY = 1e-6  # [-] that control weights may sum to more or less than 1: rounding leaves 1e-14
+LARGEST_WEIGHT = 1e4  # [-] of control weights: those of points near a body are below 10
 
 
 def check_body(body: SoftBody) -> None:
@@ -94,10 +96,11 @@ def _check_law(body: SoftBody, sizes: Sequence[int]) -> None:
 def _check_surfaces(body: SoftBody, k: int) -> None:
     skin, contact, field = body.skin, body.contact, body.distance_field
     _numbers("skin.vertices", skin.vertices, (None, 3))
+    _require("skin.vertices", bool(np.ptp(skin.vertices, axis=0).max() > 0))
     _indices("skin.faces", skin.faces, (None, 3), len(skin.vertices))
     _indices("skin.label", skin.label, (len(skin.faces),), max(body.materials) + 1)
     _require("skin.label", set(np.unique(skin.label).tolist()) <= set(body.materials))
-    _rows("skin.weights", skin.weights, len(skin.vertices), k)
+    _control_weights("skin.weights", skin.weights, len(skin.vertices), k)
     spheres = len(contact.patch)
     _numbers("contact.centers", contact.centers, (spheres, 3))
     _require("contact.radius", np.isfinite(contact.radius) and contact.radius > 0)
@@ -105,7 +108,7 @@ def _check_surfaces(body: SoftBody, k: int) -> None:
         _indices(f"contact.{name}", number, (spheres,), spheres)
     order = contact.patch * (spheres + 1) + contact.cluster
     _require("contact.patch", bool((np.diff(order) >= 0).all()) and _counts_on(contact.patch))
-    _rows("contact.weights", contact.weights, spheres, k)
+    _control_weights("contact.weights", contact.weights, spheres, k)
     nodes = len(field.node)
     _require("distance_field.spacing", np.isfinite(field.spacing) and field.spacing > 0)
     _numbers("distance_field.origin", field.origin, (3,))
@@ -115,7 +118,7 @@ def _check_surfaces(body: SoftBody, k: int) -> None:
     _require("distance_field.node", bool((np.diff(field.node) > 0).all()))
     _numbers("distance_field.distance", field.distance, (nodes,))
     _indices("distance_field.patch", field.patch, (nodes,), int(contact.patch.max(initial=-1)) + 1)
-    _rows("distance_field.weights", field.weights, nodes, k)
+    _control_weights("distance_field.weights", field.weights, nodes, k)
     _numbers("distance_field.spheres", field.spheres, (spheres, 3))
 
 
@@ -188,6 +191,13 @@ def _rows(name: str, matrix: sparse.csr_array, rows: int, columns: int) -> None:
     _require(name, start.ndim == 1 and start[0] == 0 and bool((np.diff(start) >= 0).all()))
     _indices(f"{name}.indices", matrix.indices, (int(start[-1]),), columns)
     _numbers(f"{name}.data", matrix.data, (int(start[-1]),))
+
+
+def _control_weights(name: str, matrix: sparse.csr_array, rows: int, columns: int) -> None:
+    """Raise unless its rows are control weights of points: what moves as one moves them so, and none is huge."""
+    _rows(name, matrix, rows, columns)
+    if not (abs(matrix.sum(axis=1) - 1) < UNITY).all() or abs(matrix.data).max(initial=0) > LARGEST_WEIGHT:
+        raise ValueError(f"{name} has rows that do not sum to 1, or huge weights")
 
 
 def _counts_on(number: np.ndarray) -> bool:

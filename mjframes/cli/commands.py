@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
+    _open_streams()
     try:
         with _terminable():
             arguments = command_line(COMMANDS).parse_args(joined(sys.argv[1:] if argv is None else argv))
@@ -55,6 +56,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("mjframes: interrupted.", file=sys.stderr)
         return 130
+
+
+def _open_streams() -> None:
+    """Let what is printed go nowhere where stdout or stderr is closed; no file that is opened takes its number then."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  (as long as the process)
 
 
 @contextmanager

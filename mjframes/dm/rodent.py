@@ -74,7 +74,7 @@ def _flesh(volume: Volume, held: list[Attached]) -> SoftBody:
 
 def skin_volume(model: mujoco.MjModel, data: mujoco.MjData) -> Volume:
     """What the skin encloses in the pose of `data`, and the links of SOLID; the guts have a material of their own."""
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     scene = mujoco.MjvScene(model, 1000)
     everything = mujoco.mjtCatBit.mjCAT_ALL.value

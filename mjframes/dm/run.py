@@ -1,9 +1,10 @@
 """Run through a corridor: dm_control's rodent with soft flesh, and the same task with the bare one.
 
 The task is `RunThroughCorridor` of dm_control.locomotion. An episode starts with the walker upright at the corridor's
-beginning and ends after 20 s, or earlier, with discount 0, where a foot or a lower arm is 30 cm below the ground. The
-action is that of the walker's 38 motors in [-1, 1]. The reward, in every step, is 1 at a speed of 1 m/s along the
-corridor and falls off to 0 at 0 and 2 m/s. Seed, actions and machine determine an episode to the bit.
+beginning, drawn up to 30 cm beside the middle and 0.3 rad off the direction. It ends after 20 s, or earlier, with
+discount 0, where a foot or a lower arm is 30 cm below the ground. The action is that of the walker's 38 motors in
+[-1, 1]. The reward, in every step, is 1 at a speed of 1 m/s along the corridor and falls off to 0 at 0 and 2 m/s. Seed,
+actions and machine determine an episode to the bit.
 
 With flesh the rodent has 0.66 kg instead of 0.34, of water's density in the skin, and the same motors.
 """
@@ -15,6 +16,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from dm_control import composer, mjcf
+from dm_control.composer.variation import distributions
 from dm_control.locomotion.arenas import corridors as arenas
 from dm_control.locomotion.tasks import corridors as tasks
 from dm_control.locomotion.walkers import legacy_base
@@ -27,7 +29,8 @@ TIME_LIMIT = 20.0  # [s] as of dm_control's tasks with a rodent
 CONTROL_TIMESTEP, PHYSICS_TIMESTEP = 0.02, 0.001  # [s]
 SPEED = 1.0  # [m/s] along the corridor
 LENGTH, WIDTH = 40.0, 2.0  # [m] of the corridor
-START = (0.5, 0.0, 0.0)  # [m] of the walker
+START = (0.5, distributions.Uniform(-0.3, 0.3), 0.0)  # [m] of the walker
+TURN = distributions.Uniform(-0.3, 0.3)  # [rad] from the corridor's direction
 DEEPEST = -0.3  # [m] where an episode ends for feet and lower arms
 
 
@@ -70,6 +73,7 @@ def _environment(walker: walkers.Rat, seed: int | None) -> composer.Environment:
         walker,
         arena,
         walker_spawn_position=START,
+        walker_spawn_rotation=TURN,
         target_velocity=SPEED,
         contact_termination=False,
         terminate_at_height=DEEPEST,

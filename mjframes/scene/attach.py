@@ -6,6 +6,7 @@ tree, with qpos = 0 at rest; those of held frames hang on the bodies that hold t
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
 from collections.abc import Sequence
@@ -109,15 +110,25 @@ def attach(
     if not place.bodies:
         add_skins(own, body, carried, local)
     add_scaling(own, local, body.deformable, body.materials)
-    own.default.name = f"{local}{SEPARATOR}default"  # its own would meet that of a soft body with the same prefix
+    own.default.name = _default_name(spec, name)[1:]  # its own would meet that of a soft body with the same prefix
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:
-        raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
+        reason = " ".join(str(error).split())
+        raise MjframesError(
+            f"{name}: MuJoCo cannot attach the soft body ({reason}); where another one has the name, or had it, "
+            f"mf.detach(spec, {name!r}) takes out what is left of that."
+        ) from error
     inner.name = name  # of one letter it has a separator behind it
     if place.bodies:  # with bones that the soft body's own spec does not have
         add_skins(spec, body, carried, name)
     return Attachment(name, body)
+
+
+def _default_name(spec: mujoco.MjSpec, name: str) -> str:
+    """Return a name for the default class, other than those that `detach` left."""
+    names = (f"{name}{SEPARATOR}default{number or ''}" for number in itertools.count())
+    return next(own for own in names if spec.find_default(own) is None)
 
 
 def _checked(

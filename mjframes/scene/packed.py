@@ -90,16 +90,16 @@ def _require_own_files(scene: bytes, files: Collection[str]) -> None:
 
 def _differing(model: mujoco.MjModel, other: mujoco.MjModel) -> bytes:
     """Return the numbers of a model in which another of its size differs, as .npz."""
-    theirs, stream = dict(_numbers(other)), io.BytesIO()
+    theirs, stream = dict(numbers_of(other)), io.BytesIO()
     # arrays of other sizes are what MuJoCo prepares, as octrees
-    mine = {name: value for name, value in _numbers(model) if theirs[name].shape == value.shape}
+    mine = {name: value for name, value in numbers_of(model) if theirs[name].shape == value.shape}
     found: dict[str, Any] = {name: value for name, value in mine.items() if not np.array_equal(value, theirs[name])}
     np.savez(stream, **found)
     return stream.getvalue()
 
 
-def _numbers(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
-    """Each number and array of floats of a model, by its path."""
+def numbers_of(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield each number and array of floats of a model, by its path."""
     for part in PARTS:
         owner = _part(model, part)
         for name in dir(owner):
@@ -110,7 +110,7 @@ def _numbers(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
 
 def _set_numbers(model: mujoco.MjModel, content: bytes) -> None:
     """Set those that `_differing` wrote.  Raise one of DAMAGED where it did not."""
-    known = dict(_numbers(model))
+    known = dict(numbers_of(model))
     with Arrays(io.BytesIO(content)) as file:
         for path, value in file.items():
             if path not in known or value.shape != known[path].shape or value.dtype.kind != "f":

@@ -3,7 +3,8 @@
 An engine plugin works only with the very MuJoCo it was compiled for, so a library's name carries that version and a
 digest of its sources: libmjframes_soft-<MuJoCo version>-<digest>.so. A wheel holds the sources, and a library for each
 MuJoCo that was out when it was made. Where none fits the installed MuJoCo, and in a checkout always, the sources are
-compiled once into a cache of the user, without CMake.
+compiled once into a cache of the user, without CMake. A digest of what was compiled lies beside it: a library that is
+cut off, as where a disk was full, would end the process that loads it, so that it is compiled again.
 """
 
 from __future__ import annotations
@@ -16,10 +17,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
@@ -35,7 +35,7 @@ FLAGS_FILE = "compile_flags.txt"  # CMake and clangd read it too
 LIBRARY_VARIABLE = "MJFRAMES_PLUGIN_LIBRARY"  # names a library to use instead, for example one with sanitizers
 
 SCRATCH = "compiling-"  # begins the names of folders that compilations work in
-ABANDONED = 3600.0  # [s] after which such a folder belongs to a process that has died
+LOCK = "compiling.lock"  # of the cache: one process at a time compiles into it
 
 _PACKAGED = Path(__file__).parents[1] / "_plugin"  # in an installed wheel: sources and a library
 _CHECKOUT = Path(__file__).parents[2] / "plugin"
@@ -91,7 +91,7 @@ def library_path() -> Path:
     if packaged.is_file():
         return packaged
     cached = cache_directory() / name
-    if not cached.is_file():
+    if not _is_whole(cached):
         _compile_once(sources, cached)
     return cached
 
@@ -144,8 +144,8 @@ def _compile_once(sources: Path, target: Path) -> None:
     include, mujoco_library = _mujoco_files()
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(target.with_suffix(".lock")):
-            if not target.is_file():
+        with _locked(target.with_name(LOCK)):
+            if not _is_whole(target):
                 with _progress(_reason_to_compile(sources)):
                     _compile(compiler, sources, include, mujoco_library, target)
     except OSError as error:
@@ -153,6 +153,19 @@ def _compile_once(sources: Path, target: Path) -> None:
             f"cannot compile the plugin into {target.parent} ({error.strerror}); "
             "set XDG_CACHE_HOME to a directory that can be written."
         ) from error
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether there is a library, as it was compiled."""
+    try:
+        return _digest_of(library).read_text() == hashlib.sha256(library.read_bytes()).hexdigest()
+    except (OSError, ValueError):  # no text
+        return False
+
+
+def _digest_of(library: Path) -> Path:
+    """Where the digest of a compiled library is."""
+    return library.with_suffix(".sha256")
 
 
 def _reason_to_compile(sources: Path) -> str:
@@ -185,15 +198,14 @@ def _compile(compiler: list[str], sources: Path, include: Path, mujoco_library: 
                 f"{shlex.join(compiler)} cannot compile the plugin for MuJoCo {mujoco.mj_versionString()}, see {log}; "
                 "it must be a compiler with C++20, for example g++ 11 or newer (set CXX to choose one)."
             )
+        _digest_of(target).write_text(hashlib.sha256(partial.read_bytes()).hexdigest())
         os.replace(partial, target)
 
 
 def _remove_abandoned(directory: Path) -> None:
-    """Remove what compilations left that were killed."""
-    for scratch in directory.glob(f"{SCRATCH}*"):
-        with suppress(OSError):  # another process may be as quick
-            if time.time() - scratch.stat().st_mtime > ABANDONED:
-                shutil.rmtree(scratch)
+    """Remove what compilations left that were killed: whoever has the lock is the only one that compiles."""
+    for scratch in directory.glob(f"{SCRATCH}*/"):
+        shutil.rmtree(scratch, ignore_errors=True)  # a compiler of a killed one may still write there
 
 
 def _run(command: Sequence[str]) -> tuple[int, str]:
@@ -223,8 +235,9 @@ def _locked(path: Path) -> Iterator[None]:
 @contextmanager
 def _progress(message: str) -> Iterator[None]:
     """Says what is going on: on a terminal while it does, elsewhere as a line of stderr."""
-    if not sys.stderr.isatty():
-        print(message, file=sys.stderr)
+    if sys.stderr is None or not sys.stderr.isatty():
+        if sys.stderr is not None:  # else it is closed
+            print(message, file=sys.stderr)
         yield
         return
     from rich.console import Console  # MuJoCo 4 imports this module with itself: keep it light

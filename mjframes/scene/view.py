@@ -448,12 +448,16 @@ class Soft:
 
     @cached_property
     def body(self) -> SoftBody:
-        """Return what was built. Raise MjframesError where it was neither given nor attached in this process."""
+        """Return what was built.
+
+        Raise MjframesError where it was not given and is not known in this process: it was not attached here, or
+        nothing of the program has kept it.
+        """
         body = self.given or recall(self.configuration["asset"])
         if body is None:
             raise MjframesError(
-                f"the model has no voxels of {self.name!r}, and its SoftBody was not attached here; "
-                f"give it: soft(model, data, {self.name!r}, body=…)."
+                f"the model has no voxels of {self.name!r}, and its SoftBody was not attached in this process, or is "
+                f"gone; keep it, and give it: soft(model, data, {self.name!r}, body=…)."
             )
         return body
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from skimage.measure import marching_cubes
-from trimesh import Trimesh
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
 from mjframes.surface.seams import cut_seams
 from mjframes.surface.smoothing import SMOOTHING, inside_field
@@ -38,7 +38,7 @@ class Surface:
     label: np.ndarray
 
     @property
-    def mesh(self) -> Trimesh:
+    def mesh(self) -> trimesh.Trimesh:
         """Return its triangles, for areas, normals and the volume inside."""
         return _mesh(self.vertices, self.faces)
 
@@ -86,5 +86,5 @@ def _material_indicators(labels: np.ndarray, index: np.ndarray) -> tuple[np.ndar
     return materials, indicator
 
 
-def _mesh(vertices: np.ndarray, faces: np.ndarray) -> Trimesh:
-    return Trimesh(vertices, faces, process=False)
+def _mesh(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
+    return trimesh.Trimesh(vertices, faces, process=False)

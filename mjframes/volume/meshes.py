@@ -179,7 +179,7 @@ def open_scene(path: Path, **options: Any) -> trimesh.Scene:
 
     Raise MjframesError if it is missing or damaged, or if a package that reads it is not installed.
     """
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     _require_file(path)
     if path.suffix.lower() == ".obj":
@@ -245,7 +245,7 @@ def _outside(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 def _arrays(name: str, mesh: object) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (n, 3) and faces (m, 3) of one mesh or of all in a scene, placed as its nodes say."""
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     if isinstance(mesh, trimesh.Scene):
         parts = [part for part in mesh.dump() if isinstance(part, trimesh.Trimesh)]

@@ -28,7 +28,7 @@ def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
     Their names are those of the file's objects, where it has several (.3mf, .glb, .gltf, .obj), or "1", "2", … from
     the largest box on. Raise MjframesError for a file that cannot be read.
     """
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     objects = _objects(Path(path))
     if len(objects) > 1:
@@ -53,7 +53,7 @@ def chosen_piece(path: str | os.PathLike[str], name: str) -> trimesh.Trimesh:
 
 def _objects(path: Path) -> dict[str, trimesh.Trimesh]:
     """The named objects of a file, where they stand in it; none for formats without names."""
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     if path.suffix.lower() not in (".3mf", ".glb", ".gltf", ".obj"):
         return {}

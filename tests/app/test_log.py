@@ -33,6 +33,7 @@ from mjframes.app.replay import film_of, plot_of, state_at
 from mjframes.app.run import record
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
+from mjframes.cli.damage import rewritten
 from mjframes.scene.packed import NUMBERS, SCENE, pack, unpack
 from mjframes.scene.scene_file import standalone_scene
 from mjframes.scene.view import soft
@@ -577,36 +578,25 @@ def test_what_a_scene_names_goes_along(tmp_path: Path) -> None:
 
 def edited_log(path: Path, about: dict[str, str] | None = None, message: Any = None, topic: str = "") -> Path:
     """A log of 50 ms, written anew with other facts, or with another message in place of the second of a topic."""
-    from mcap.records import Attachment, Channel, Message, Metadata, Schema
-    from mcap.stream_reader import StreamReader
-    from mcap.writer import Writer
+    from mcap.records import Channel, Message, Metadata
 
-    record(mujoco.MjModel.from_xml_string(ROOM), 0.05, log=path)
-    with path.open("rb") as stream:
-        records = list(StreamReader(stream).records)
-    channels: dict[int, int] = {}
+    record(mujoco.MjModel.from_xml_string(ROOM), 0.05, log=path, scene=mujoco.MjSpec.from_string(ROOM))
     topics: dict[int, str] = {}
     seen = 0
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        for one in records:
-            if isinstance(one, Schema) and one.id not in channels:
-                writer.register_schema(one.name, one.encoding, one.data)
-            elif isinstance(one, Channel) and one.id not in topics:
-                topics[one.id] = one.topic
-                channels[one.id] = writer.register_channel(one.topic, one.message_encoding, one.schema_id)
-            elif isinstance(one, Message):
-                seen += topics[one.channel_id] == topic
-                changed = topics[one.channel_id] == topic and seen == 2
-                data = json.dumps(message(json.loads(one.data))).encode() if changed else one.data
-                writer.add_message(channels[one.channel_id], one.log_time, data, one.publish_time)
-            elif isinstance(one, Metadata):
-                facts = {**one.metadata, **(about or {})}
-                writer.add_metadata(one.name, {key: value for key, value in facts.items() if value != "-"})
-            elif isinstance(one, Attachment):
-                writer.add_attachment(0, 0, one.name, one.media_type, one.data)
-        writer.finish()
+
+    def changed(one: Any) -> Any:
+        nonlocal seen
+        if isinstance(one, Channel):
+            topics[one.id] = one.topic
+        elif isinstance(one, Message) and topics[one.channel_id] == topic:
+            seen += 1
+            one.data = json.dumps(message(json.loads(one.data))).encode() if seen == 2 else one.data
+        elif isinstance(one, Metadata):
+            facts = {**one.metadata, **(about or {})}
+            one.metadata = {key: value for key, value in facts.items() if value != "-"}
+        return one
+
+    path.write_bytes(rewritten(path.read_bytes(), changed))
     return path
 
 
@@ -637,6 +627,49 @@ def test_each_field_of_a_log_is_refused_in_one_sentence(tmp_path: Path, topic: s
         path = edited_log(tmp_path / "a.mcap", message=lambda _, v=value: v, topic=topic)
         with pytest.raises(MjframesError, match=r"a\.mcap: the log is damaged"):
             read_log(path)
+
+
+@pytest.mark.parametrize("fact", ["timestep", "steps"])
+def test_zero_steps_are_refused(tmp_path: Path, fact: str) -> None:
+    with pytest.raises(
+        MjframesError, match=rf"a\.mcap: the log says {fact} = '0', which is no such number; it is damaged"
+    ):
+        read_log(edited_log(tmp_path / "a.mcap", {fact: "0"}))
+
+
+def test_deep_messages_are_refused(tmp_path: Path) -> None:
+    from mcap.records import Message
+
+    path = edited_log(tmp_path / "a.mcap")
+    deep = b'{"time": ' + b"[" * 10**5
+    content = rewritten(
+        path.read_bytes(), lambda one: dataclasses.replace(one, data=deep) if isinstance(one, Message) else one
+    )
+    path.write_bytes(content)
+    with pytest.raises(MjframesError, match=r"a\.mcap: the log is damaged \(maximum recursion depth"):
+        read_log(path)
+
+
+def test_a_state_that_is_far_away_has_no_film(tmp_path: Path) -> None:
+    path = edited_log(tmp_path / "a.mcap", message=lambda one: {**one, "time": 1e300}, topic="/state")
+    with pytest.raises(MjframesError, match=r"a\.mcap: its states go on to 1e\+300 s, for more than 1,000,000 frames"):
+        film_of(read_log(path), tmp_path / "a.mp4")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_metadata_and_topics_of_others_are_left_alone(tmp_path: Path) -> None:
+    from mcap.records import Channel, Metadata
+
+    def changed(one: Any) -> Any:
+        if isinstance(one, Channel):
+            one.topic = "sensors"
+        return dataclasses.replace(one, name="world") if isinstance(one, Metadata) else one
+
+    path = tmp_path / "a.mcap"
+    record(mujoco.MjModel.from_xml_string(ROOM), 0.05, log=Log(path, topics=("sensors",)))
+    path.write_bytes(rewritten(path.read_bytes(), changed))
+    with pytest.raises(MjframesError, match="not a log that mjframes wrote"):
+        read_log(path)
 
 
 def test_a_packed_scene_reads_no_files_of_the_disk(tmp_path: Path) -> None:

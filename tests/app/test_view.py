@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,7 +29,7 @@ from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
 from mjframes.app.view.grip import grip_body, grip_skin
-from mjframes.app.view.guard import answers
+from mjframes.app.view.guard import answers, point_in
 from mjframes.app.view.page import Page, page
 from mjframes.app.view.simulation import PAST, RATE, Simulation
 from mjframes.base.errors import MjframesError
@@ -503,6 +503,143 @@ def test_a_page_survives_what_strangers_send() -> None:
         shown.controls.do("step")
         shown.stage.draw(shown.simulation.data)
         assert shown.simulation.data.time == pytest.approx(0.002)
+
+
+@contextmanager
+def visited(shown: Page) -> Iterator[Callable[..., None]]:
+    """What sends a message as a browser does, once it has come; in the end all have been heard."""
+    import msgspec
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+
+    camera: dict[str, Any] = {"wxyz": [1, 0, 0, 0], "position": [0, -1, 1], "fov": 1.0, "near": 0.1, "far": 9.0}
+    camera |= {"image_height": 100, "image_width": 100, "look_at": [0, 0, 0], "up_direction": [0, 0, 1]}
+    offered = [Subprotocol(f"viser-v{importlib.metadata.version('viser')}")]
+    with connect(f"ws://127.0.0.1:{shown.port}", subprotocols=offered, max_size=None) as client:
+
+        def send(kind: str, **fields: Any) -> None:
+            client.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+        send("ViewerCameraMessage", **camera)
+        for _ in range(PATIENCE):
+            if shown.server.get_clients():
+                break
+            time.sleep(0.05)
+        heard = shown.server.gui.add_text("heard", "")
+        yield send
+        send("GuiUpdateMessage", uuid=heard._impl.uuid, updates={"value": "all"})
+        for _ in range(PATIENCE):
+            if heard.value == "all":
+                return
+            time.sleep(0.05)
+    raise LookupError("the page hears no more")
+
+
+STRANGE = [
+    500,
+    -500,
+    1e308,
+    -1e308,
+    2**63,
+    np.inf,
+    -np.inf,
+    np.nan,
+    "500",
+    "",
+    "run",
+    None,
+    True,
+    [],
+    [1.0],
+    {"a": [{}]},
+]
+
+
+@needs_viser
+def test_inputs_take_only_what_they_can_have(capfd: pytest.CaptureFixture[str]) -> None:
+    """Whatever comes for sliders, numbers, lists and buttons, and for what is no value: clamped, or left as it was."""
+    models = {"bar": cantilever(), "room": mujoco.MjModel.from_xml_string(ROOM)}
+    stop = threading.Event()
+    with page(models, port=0) as shown:
+        loop = threading.Thread(target=shown.run, args=(stop,))
+        loop.start()
+        inputs = dict(shown.server.gui._gui_input_handle_from_uuid)
+        sliders = [labelled(shown, label) for label in ("speed", "rubber ×1.00", "foam ×1.00", "damping ×1.00")]
+        spring, scenes, cameras = (labelled(shown, label) for label in ("spring [N/m]", "scene", "camera"))
+        camera = cameras.value
+        with visited(shown) as send:
+            for uuid in inputs:
+                for value in STRANGE:
+                    send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+                for name in ("removed", "update_cb", "props", "sync_cb", "nothing"):
+                    send("GuiUpdateMessage", uuid=uuid, updates={name: None})
+            send("GuiUpdateMessage", uuid=[], updates=[])
+            send("GuiUpdateMessage", uuid="none", updates={"value": 1})
+        stop.set()
+        loop.join()
+        while not shown._commands.empty():
+            shown._commands.get()()
+        for slider in sliders:
+            assert slider.value == slider.min  # the last that can be had: -inf
+        assert (spring.value, scenes.value, cameras.value) == (0, "bar", camera)
+        assert not any(handle._impl.removed for handle in inputs.values())
+        simulation = shown.simulation
+        assert simulation.speed == 0.05
+        np.testing.assert_allclose(stiffness(simulation.model, "soft0", 2), 0.1)
+    assert capfd.readouterr().err == ""
+
+
+@needs_viser
+def test_drags_to_nowhere_move_nothing() -> None:
+    with page({"bar": cantilever()}, port=0) as shown, visited(shown) as send:
+        (piece, *_), simulation = shown.stage.skins, shown.simulation
+        drag = {"name": piece.node.name, "instance_index": None, "start_screen_pos": [0, 0], "end_screen_pos": [0, 0]}
+        drag |= {"button": "left", "modifier": None, "owner": ""}
+
+        def move_to(phase: Any, end: Any) -> None:
+            send("SceneNodeDragMessage", **drag, phase=phase, start_position=end, end_position=end)
+
+        def act() -> None:
+            for _ in range(PATIENCE):
+                if not shown._commands.empty():
+                    shown._commands.get()()
+                    return
+                time.sleep(0.05)
+
+        shown._commands.get()()  # the visit
+        move_to("start", [0, 0, 0])
+        act()
+        assert simulation.held is not None
+        for wrong in (np.nan, np.inf, -np.inf):
+            for phase in ("start", "update", "none", None, 7):
+                move_to(phase, [0, wrong, 0])
+        move_to("update", [1e300, 0, 0])
+        act()  # the first that there is to do
+        assert simulation.target[0] == 1e3 * simulation.model.stat.extent
+        assert shown._commands.empty()
+        simulation.step()
+        move_to("end", [np.nan, 0, 0])
+        act()
+        assert simulation.held is None
+
+
+@pytest.mark.parametrize("wrong", [["a", "b", "c"], [0, 0], [[0, 0, 0]], "abc", None, {"x": 1}, [0, 0, np.nan]])
+def test_what_is_no_point_is_none(wrong: object) -> None:
+    assert point_in(9.0, wrong) is None
+
+
+def test_what_cannot_be_done_does_not_end_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    stop = threading.Event()
+
+    def fail() -> None:
+        raise OverflowError("too large")
+
+    with page({"room": mujoco.MjModel.from_xml_string(ROOM)}, port=0) as shown:
+        shown._commands.put(fail)
+        shown._commands.put(stop.set)
+        shown.run(stop)
+    assert capsys.readouterr().err == "mjframes: what the page asked for cannot be done (too large).\n"
 
 
 @pytest.fixture

@@ -293,6 +293,16 @@ def test_results_that_cannot_be_printed_end_in_a_sentence(tmp_path: Path) -> Non
     assert done.stderr == "mjframes: the results cannot be printed (No space left on device).\n"
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_where_a_stream_is_closed_a_command_does_its_work(tmp_path: Path, closed: str) -> None:
+    (tmp_path / "scene.xml").write_text(SCENE)
+    script = f'exec "{sys.executable}" -m mjframes run "{tmp_path}/scene.xml" --duration 0.1 --log "{tmp_path}/a.mcap"'
+    done = subprocess.run(f"{script} {closed}", shell=True, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert ("steps" in done.stdout) == (closed == "2>&-")
+    assert (tmp_path / "a.mcap").stat().st_size > 0
+
+
 def test_too_little_memory_ends_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,18 @@ def test_pictures_show_the_steak() -> None:
 def test_random_episodes_neither_warn_nor_fail(task: str, steps: int) -> None:
     found = tried(task, episodes=3, seed=1, most_steps=steps)
     assert (found.steps, found.warnings, found.infinite, found.failed) == (3 * steps, {}, 0, 0)
+
+
+@pytest.mark.parametrize("task", ["lift_steak_features", "run_bare_rat_features"])
+def test_the_seed_decides_how_an_episode_starts(task: str) -> None:
+    starts = []
+    for seed in (5, 5, 6):
+        environment = dm.load(task, seed)
+        for _ in range(2):
+            environment.reset()
+            starts.append(environment.physics.data.qpos.copy())
+    np.testing.assert_array_equal(starts[:2], starts[2:4])
+    assert not any(np.array_equal(one, other) for one, other in itertools.combinations((*starts[:2], *starts[4:]), 2))
 
 
 def test_pymjcf_gets_bodies_where_their_frames_were() -> None:

@@ -122,14 +122,30 @@ def test_callers_at_the_same_time_compile_once(sources: Path, monkeypatch: pytes
 
 
 def test_what_a_killed_compilation_left_goes_with_the_next_one(sources: Path) -> None:
-    old, recent, other = (cache_directory() / name for name in ("compiling-old", "compiling-new", "mine"))
-    for folder in (old, recent, other):
+    left, other = (cache_directory() / name for name in ("compiling-left", "mine"))
+    for folder in (left, other):
         folder.mkdir(parents=True)
         (folder / "register.o").touch()
-    for folder in (old, other):
-        os.utime(folder, (0, 0))
     plugin.library_path()
-    assert sorted(path for path in cache_directory().iterdir() if path.is_dir()) == [recent, other]
+    assert [path for path in cache_directory().iterdir() if path.is_dir()] == [other]
+
+
+@pytest.mark.parametrize("damage", ["truncated", "changed", "without its digest"])
+def test_a_damaged_library_is_compiled_again(sources: Path, damage: str) -> None:
+    library = plugin.library_path()
+    content = library.read_bytes()
+    middle = len(content) // 2
+    if damage == "truncated":
+        os.truncate(library, middle)
+    elif damage == "changed":
+        library.write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    else:
+        library.with_suffix(".sha256").unlink()
+    damaged = library.stat().st_ino, library.read_bytes()
+    assert plugin.library_path() == library
+    assert (library.stat().st_ino, library.read_bytes()) != damaged
+    loaded = run_python(f"import mujoco; mujoco.mj_loadPluginLibrary({str(library)!r}); {IS_REGISTERED.strip()}")
+    assert (loaded.returncode, loaded.stderr) == (0, "")
 
 
 def test_cmake_names_the_library_as_python_does(tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ def test_the_body_is_found_or_asked_for(tmp_path, monkeypatch: pytest.MonkeyPatc
     loaded = mf.SoftBody.load(str(tmp_path / "block.npz"))
     expected = mf.soft(model, data, "soft0").positions([[0.06, 0.02, 0.02]])
     monkeypatch.setattr(identity, "_known", {})
-    with pytest.raises(MjframesError, match=r"give it: soft\(model, data, 'soft0', body=…\)"):
+    with pytest.raises(MjframesError, match=r"or is gone; keep it, and give it: soft\(model, data, 'soft0', body=…\)"):
         mf.soft(model, data, "soft0").positions([[0.06, 0.02, 0.02]])
     given = mf.soft(model, data, "soft0", body=loaded).positions([[0.06, 0.02, 0.02]])
     np.testing.assert_allclose(given, expected, atol=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import os
 import re
 import sys
@@ -18,6 +19,7 @@ from rich.progress import track
 from mjframes.app.collect.cluster import on_cluster
 from mjframes.app.collect.plan import Bounds, Plan, begin, digest, engine
 from mjframes.app.collect.shard import shard_bytes, shard_path, stepping_of
+from mjframes.app.collect.sums import is_finished, read_sums, write_sums
 from mjframes.app.collect.variation import checked
 from mjframes.app.log.worlds import WORLD
 from mjframes.base.errors import MjframesError
@@ -85,7 +87,8 @@ def collect(
     begin(plan, folder)
     _clear(folder)
     paths = tuple(shard_path(folder, number) for number in range(plan.shards))
-    missing = [number for number, path in enumerate(paths) if not path.exists()]
+    sums = read_sums(folder)
+    missing = [number for number, path in enumerate(paths) if not is_finished(path, sums)]
     if ray is None:
         work = partial(shard_bytes, plan, files, threads=threads or processors())
         found: Iterator[tuple[int, bytes]] = ((number, work(number)) for number in missing)
@@ -94,6 +97,8 @@ def collect(
     hidden = not (progress and sys.stderr.isatty())
     console = Console(stderr=True)
     for number, content in track(found, "shards", len(missing), console=console, transient=True, disable=hidden):
+        sums[paths[number].name] = hashlib.sha256(content).hexdigest()
+        write_sums(folder, sums)  # first: a shard that is there has its digest
         with replacing(paths[number], "the shard") as partial_path:
             partial_path.write_bytes(content)
     rows = [row | {"file": path.name} for path in paths for row in _rows(path)]

@@ -124,7 +124,7 @@ def instants(logged: Mapping[str, list[dict[str, Any]]]) -> tuple[Instant, ...]:
 
 def require_message(topic: str, message: Any) -> None:
     """Raise ValueError where a message of a log has not the numbers that its topic has in FIELDS, or no time."""
-    name = topic.split("/")[1]
+    name = topic.removeprefix("/").split("/")[0]
     if not isinstance(message, dict) or not _is_number(message.get("time")) or not math.isfinite(message["time"]):
         raise ValueError(f"a message of {topic} has no time")
     for key, field in FIELDS.get(name, {}).items():

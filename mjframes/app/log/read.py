@@ -174,4 +174,4 @@ def _state(message: Mapping[str, Any]) -> State:
 
 def _concerns(name: str, metadata: Mapping[str, str], world: int | None) -> bool:
     """Whether metadata are of the run, or of the world that is chosen."""
-    return name == METADATA or (name == WORLD and metadata[WORLD] == str(world))
+    return name == METADATA or (name == WORLD and metadata.get(WORLD) == str(world))

@@ -6,6 +6,7 @@ import io
 import os
 import queue
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -17,7 +18,7 @@ import numpy as np
 
 from mjframes.app.view.cameras import aim
 from mjframes.app.view.grip import Grip, grip_body, grip_skin
-from mjframes.app.view.guard import guarded
+from mjframes.app.view.guard import guarded, keep_to_values, point_in
 from mjframes.app.view.simulation import Simulation
 from mjframes.base.errors import MjframesError
 from mjframes.scene.load import mujoco_warnings
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 HOST, PORT = "127.0.0.1", 8080
 FRAME = 1 / 30  # [s] of wall time between two pictures
 STEPPING = 0.8  # [-] of it for steps at most: what is left is for drawing and for what the page asks
+FAR = 1e3  # [-] of the scene's extent: nothing is drawn farther away by the mouse
 CURVES = 8  # pictures between two updates of numbers and curves
 
 
@@ -101,13 +103,21 @@ class Page:
         while stop is None or not stop.is_set():
             begin = time.perf_counter()
             while not self._commands.empty():
-                self._commands.get()()
+                self._do(self._commands.get())
             self.simulation.advance(STEPPING * FRAME)
             self.stage.draw(self.simulation.data)
             if frame % CURVES == 0:
                 self.controls.show()
             frame += 1
             time.sleep(max(0.0, FRAME - (time.perf_counter() - begin)))
+
+    def _do(self, command: Callable[[], None]) -> None:
+        """Do what the page asked for; whatever is wrong with that, the page goes on."""
+        try:
+            command()
+        except Exception as error:
+            reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+            print(f"mjframes: what the page asked for cannot be done ({reason}).", file=sys.stderr)
 
     def _grip_skin(self, skin: int, at: np.ndarray) -> Grip:
         simulation = self.simulation
@@ -116,18 +126,20 @@ class Page:
     def _let_drag(self, node: Node, grip: Callable[[np.ndarray], Grip]) -> None:
         """Let the mouse hold a node by a grip of the point that it points at."""
         simulation = self.simulation
+        far = FAR * simulation.model.stat.extent
 
         async def later(event: Any) -> None:  # a coroutine: those are called in order
-            start, end = np.array(event.start_position), np.array(event.end_position)
-            phase = event.phase
-            self._commands.put(lambda: drag(phase, start, end))
+            start, end = point_in(far, event.start_position), point_in(far, event.end_position)
+            if event.phase == "end":
+                self._commands.put(simulation.release)
+            elif start is not None and end is not None:
+                phase = event.phase
+                self._commands.put(lambda: drag(phase, start, end))
 
         def drag(phase: str, start: np.ndarray, end: np.ndarray) -> None:
             if phase == "start":
                 simulation.hold(grip(start))
-            if phase == "end":
-                simulation.release()
-            elif simulation.held is not None:
+            if simulation.held is not None:
                 simulation.target = end
 
         node.on_drag("left")(later)
@@ -159,6 +171,7 @@ def page(scenes: Mapping[str, mujoco.MjModel], host: str = HOST, port: int = POR
         # viser says where it is, and that it ends, whatever it is asked
         with redirect_stdout(io.StringIO()), guarded(host):
             server = ViserServer(host, port, verbose=False)
+        keep_to_values(server)
         try:
             yield Page(server, simulations)
         finally:

@@ -8,20 +8,16 @@ of them.
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
-from mjframes.base.threads import workers
+from mjframes.benchmarks.check.apart import Report, reports, told
 from mjframes.benchmarks.check.edits import EDITS, World
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
@@ -67,23 +63,6 @@ CLOTHS = (  # flexes other than of triangles do not touch soft bodies
 CLOTH = 'spacing=".03 .03 .03" pos="-.06 0 .26" mass=".03" radius=".002"'
 
 
-@dataclass(frozen=True)
-class Report:
-    """What became of programs.
-
-    edits: how many ran.
-    failures: a sentence each, with the seed of its program.
-    said: how often each warning and refusal was told.
-    """
-
-    edits: int = 0
-    failures: tuple[str, ...] = ()
-    said: Counter[str] = field(default_factory=Counter)
-
-    def __add__(self, other: Report) -> Report:
-        return Report(self.edits + other.edits, self.failures + other.failures, self.said + other.said)
-
-
 def main(edits: int, seed: int) -> int:
     """Run programs with so many edits in all, print what became of them; return the exit code, 1 for any failure."""
     from rich.console import Console
@@ -93,13 +72,7 @@ def main(edits: int, seed: int) -> int:
         task = progress.add_task("editing scenes", total=edits)
         report = abused(edits, seed, lambda done: progress.advance(task, done))
     last = seed - 1 + -(-edits // LENGTH)
-    print(f"{report.edits} edits of scenes with the seeds {seed} to {last}: {len(report.failures)} failures.")
-    for failure in report.failures:
-        print(f"- {failure}")
-    print("What was told, and how often:")
-    for text, count in report.said.most_common():
-        print(f"{count:6d} × {text}")
-    return 1 if report.failures else 0
+    return told(report, f"{report.done} edits of scenes with the seeds {seed} to {last}")
 
 
 def abused(edits: int, seed: int, advance: Callable[[int], object] = lambda edits: None) -> Report:
@@ -108,31 +81,10 @@ def abused(edits: int, seed: int, advance: Callable[[int], object] = lambda edit
     advance: is called with the edits of each program that ends.
     """
     total = Report()
-    for report in _reports(range(seed, seed + -(-edits // LENGTH))):
+    for report in reports(program, range(seed, seed + -(-edits // LENGTH)), LENGTH):
         total += report
-        advance(report.edits)
+        advance(report.done)
     return total
-
-
-def _reports(seeds: range) -> Iterator[Report]:
-    """Of each program. Where a process dies, those that were not finished run again, each in one of its own."""
-    context = multiprocessing.get_context("spawn")
-    left = list(seeds)
-    with ProcessPoolExecutor(workers(), context) as pool:
-        jobs = {pool.submit(program, seed): seed for seed in left}
-        for job in as_completed(jobs):
-            try:
-                report = job.result()
-            except BrokenProcessPool:
-                continue
-            left.remove(jobs[job])
-            yield report
-    for seed in left:
-        with ProcessPoolExecutor(1, context) as pool:
-            try:
-                yield pool.submit(program, seed).result()
-            except BrokenProcessPool:
-                yield Report(LENGTH, (f"seed {seed}: the process died.",))
 
 
 def program(seed: int) -> Report:

@@ -83,7 +83,7 @@ def _rodent_skin() -> object | None:
     path = Path(package.submodule_search_locations[0]) / RODENT
     if not path.is_file():
         return None
-    import trimesh
+    from mjframes.base.trimeshes import trimesh
 
     raw = path.read_bytes()
     vertices, texture, faces, _ = np.frombuffer(raw, np.int32, 4)
