@@ -66,6 +66,12 @@ void Meetings::Measure() {
   around_ = {0.5 * (low + high), 0.5 * (high - low)};
 }
 
+bool Meetings::Apart(Meetings* other, double height) {
+  Measure();
+  other->Measure();
+  return around_.Apart(other->around_, std::max(cover_, other->cover_) + height);
+}
+
 MetPoints Meetings::FindVertices(int patch, Meetings* other, double height) {
   other->Measure();
   if (state_->VertexBox(patch).Apart(other->around_, other->cover_ + height)) return {nullptr, 0};

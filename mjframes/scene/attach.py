@@ -23,7 +23,7 @@ from mjframes.scene.contact import Contact
 from mjframes.scene.identity import remember
 from mjframes.scene.links import Pose
 from mjframes.scene.load import changed_masses
-from mjframes.scene.patch_geoms import add_patches, use_plugin
+from mjframes.scene.patch_geoms import add_patches, reserve_memory, use_plugin
 from mjframes.scene.patches import ordered_patches
 from mjframes.scene.plugin_text import SEPARATOR, configuration, instance_name
 from mjframes.scene.scaling import add_scaling
@@ -105,7 +105,7 @@ def attach(
     instance.config = configuration(body, remember(body), order, _branches(body, place, name), patches)
     if patches:
         parameters = contact if isinstance(contact, Contact) else Contact()
-        add_patches(own, body, bodies, patches, parameters, name)
+        add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         add_skins(own, body, carried, local)
     add_scaling(own, local, body.deformable, body.materials)
@@ -115,6 +115,8 @@ def attach(
     except ValueError as error:
         raise MjframesError(f"{name}: MuJoCo cannot attach the soft body ({' '.join(str(error).split())}).") from error
     inner.name = name  # of one letter it has a separator behind it
+    if patches:
+        reserve_memory(spec)
     if place.bodies:  # with bones that the soft body's own spec does not have
         add_skins(spec, body, carried, name)
     return Attachment(name, body)
