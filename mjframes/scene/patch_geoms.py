@@ -71,8 +71,8 @@ def add_patches(
 def reserve_memory(spec: mujoco.MjSpec) -> None:
     """Give a scene memory for all pairs of its soft bodies' patches and other geoms, as if all lay in one heap.
 
-    Memory that the scene asks for becomes as much as that, if it is less. What MuJoCo chooses by all else that the scene
-    has grows by it: that is what `nconmax` still does.
+    What the scene asks for becomes as much as that, if it is less. What MuJoCo chooses by all else that is in the scene
+    grows by it: that is what `nconmax` still does.
     """
     rigid, patches = 0, Counter[str]()
     for geom in spec.geoms:
@@ -93,9 +93,9 @@ def reserve_memory(spec: mujoco.MjSpec) -> None:
 
 
 def _reaches(body: SoftBody, carried: Sequence[Carrier], patches: Sequence[Patch]) -> dict[int, float]:
-    """How far from each carrier its patches have vertices or material at rest [m]: MuJoCo takes a geom to turn about it.
+    """How far from each carrier its patches have vertices or material at rest [m].
 
-    What slides does not turn with the body: its box has to hold the patches whichever way they are turned.
+    A carrier that slides does not turn with the body: its box has to hold the patches whichever way they are turned.
     """
     field = body.distance_field
     place = np.stack(np.unravel_index(field.node, field.shape), axis=1)

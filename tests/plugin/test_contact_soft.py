@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -21,11 +23,13 @@ from builders.stacked import block
 
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
+from mjframes.body.soft_body import SoftBody
 from mjframes.scene.contact import Contact
 from mjframes.scene.view import soft, soft_names
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
+SPACE = '<mujoco><option gravity="0 0 0"/></mujoco>'
 WEIGHTLESS = '<mujoco><option gravity="0 0 0" cone="{}" jacobian="{}"/></mujoco>'
 
 
@@ -327,3 +331,21 @@ def test_distances_are_found_beyond_what_touches(gap: float) -> None:
     found = [mujoco.mj_geomDistance(model, data, i, j, 0.05, None) for i in geoms[0] for j in geoms[1]]
     assert data.ncon == 0
     assert min(found) == pytest.approx(gap - cube.contact.radius, abs=2e-4)  # vertices are balls
+
+
+@cache
+def firm(young: float) -> SoftBody:
+    """A cube of 6 cm."""
+    return build(Volume.from_labels(np.ones((6, 6, 6), int), 0.01, {1: Material(young, 0.3, 1000)}), 3)
+
+
+@pytest.mark.parametrize("young", [1e5, 1e6])
+@pytest.mark.parametrize("apart", [(0.03, 0.0, 0.0), (0.03, 0.004, 0.002)])
+def test_bodies_that_overlap_by_half_come_apart(young: float, apart: tuple[float, ...]) -> None:
+    """The surface nearest to a vertex beyond the middle is the far one, and to leave there means to go on inwards."""
+    model, data = compiled(SPACE, (firm(young), (0, 0, 0), (1, 0, 0, 0)), (firm(young), apart, (1, 0, 0, 0)))
+    mujoco.mj_step(model, data, 400)
+    assert data.ncon == 0
+    views = [soft(model, data, name) for name in soft_names(model)]
+    far = np.subtract(*(view.mass @ view.control_positions / view.mass.sum() for view in views))
+    assert np.linalg.norm(far) > 0.06
