@@ -41,7 +41,7 @@ def warn_inside(first: str, second: str, depth: float, when: str) -> None:
     """Warn that two soft bodies are so deep in each other [m], with what helps."""
     warnings.warn(
         f"the soft bodies {first!r} and {second!r} are {1000 * depth:.2g} mm inside each other {when}; start them "
-        "farther apart or slower, or give both mf.Contact(solref=(s, 1)) with a shorter time s of two timesteps or more.",
+        "farther apart or slower, or give both mf.Contact(solref=(s, 1)) with a shorter s, of two timesteps or more.",
         InstabilityWarning,
         stacklevel=2,
     )

@@ -132,6 +132,12 @@ def _checked(
         raise MjframesError(f"body is a {type(body).__name__}; give the SoftBody that build or SoftBody.load returned.")
     if not isinstance(contact, (bool, Contact)):
         raise MjframesError(f"contact is {contact!r}; give True, False or a Contact.")
+    size = float(np.linalg.norm(np.ptp(body.control.rest, axis=0)))
+    if isinstance(contact, Contact) and contact.margin is not None and contact.margin > size:
+        raise MjframesError(
+            f"the margin of the contact is {contact.margin:g} m, but the body is {size:.2g} m large: "
+            "all nearer than the margin is pushed away; give a few millimetres, or a gap to find what is near."
+        )
     if parent is None or parent == "world":
         holder = spec.worldbody
     elif isinstance(parent, str):
