@@ -8,6 +8,7 @@
 #include "impedance.h"
 #include "linear.h"
 #include "patch_field.h"
+#include "requirements.h"
 #include "touch.h"
 #include "world.h"
 
@@ -34,6 +35,7 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   TouchScratch scratch;
   Touch touch[kMaxTouches];
   const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
+  if (found > 0 && (WrongNumber(m, g1) || WrongNumber(m, g2))) return 0;  // World::CheckOptions tells of it
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {

@@ -66,6 +66,12 @@ void Meetings::Measure() {
   around_ = {0.5 * (low + high), 0.5 * (high - low)};
 }
 
+bool Meetings::Apart(Meetings* other, double height) {
+  Measure();
+  other->Measure();
+  return around_.Apart(other->around_, std::max(cover_, other->cover_) + height);
+}
+
 MetPoints Meetings::FindVertices(int patch, Meetings* other, double height) {
   other->Measure();
   if (state_->VertexBox(patch).Apart(other->around_, other->cover_ + height)) return {nullptr, 0};
@@ -99,9 +105,20 @@ void Meetings::Search(int patch, Meetings* other, double height, Meeting* out) {
   for (const int s : contact_.patches[patch].volume.walk) {
     // each of the vertices that are left has a place
     sink.most = static_cast<int>(out->found.size()) - --left;
+    const int before = sink.count;
     other->Seek({s, 0, 0, {vertices[s], vertices[n + s], vertices[2 * n + s]}, {}, 0, {}}, height, &trail, &sink);
+    if (sink.count > before && PushedOutwards(patch, sink.out[before])) sink.count = before;
   }
   out->count = sink.count;
+}
+
+// Whether a vertex that is in the other body would leave it, by its nearest surface, the way its own surface faces: it
+// is beyond the other's middle, and would draw its body further in.
+bool Meetings::PushedOutwards(int patch, const MetPoint& met) {
+  if (met.distance > 0) return false;
+  const DeformedPatch deformed = state_->Deformed(patch);
+  Vec3 surface, normal;
+  return deformed.Surface(deformed.VertexPoint(met.number), &surface, &normal) && Dot(normal, met.normal) > kOutward;
 }
 
 MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height) {

@@ -47,6 +47,10 @@ class Meetings {
   // rigid: how many other geoms it has.
   Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, size_t rigid, SurfaceState* state);
 
+  // Whether the two bodies are so far apart that no vertex of either is in the other or no higher above its surface
+  // than `height` [m].
+  bool Apart(Meetings* other, double height);
+
   // The vertices of a patch that are in the other body or no higher above its surface than `height` [m], and maybe
   // others.
   MetPoints FindVertices(int patch, Meetings* other, double height);
@@ -93,6 +97,7 @@ class Meetings {
 
   void Measure();  // where the vertices of all patches are
   void Search(int patch, Meetings* other, double height, Meeting* out);
+  bool PushedOutwards(int patch, const MetPoint& met);
   void SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height, Sink* sink);
   void Seek(const MetPoint& sought, double height, Trail* trail, Sink* sink);
   Vec3 Guess(const Vec3& p, Mat3* slope, double* far);

@@ -1,5 +1,6 @@
 #include "requirements.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -34,24 +35,11 @@ void CheckFlexes(const mjModel* m, int patch, Reader* reader) {
   }
 }
 
-// A contact takes what it is solved with from either of its geoms, and one number that is none ends in all.
 void CheckContactNumbers(const mjModel* m, Reader* reader) {
-  const struct {
-    const char* name;
-    const mjtNum* values;
-    int size;
-  } arrays[] = {
-      {"friction", m->geom_friction, 3}, {"margin", m->geom_margin, 1},      {"gap", m->geom_gap, 1},
-      {"solmix", m->geom_solmix, 1},     {"solref", m->geom_solref, mjNREF}, {"solimp", m->geom_solimp, mjNIMP}};
-  for (const auto& [name, values, size] : arrays) {
-    for (int i = 0; i < size * m->ngeom; i++) {
-      const int geom = i / size;
-      if (std::isfinite(values[i]) || !(m->geom_contype[geom] || m->geom_conaffinity[geom])) continue;
-      reader->Fail(std::string("geom ") + std::to_string(geom) + " '" + (m->names + m->name_geomadr[geom]) +
-                   "', which it may touch, has a " + name + " that is no finite number: give it one");
-      return;
-    }
-  }
+  const auto [geom, name] = FirstWrongNumber(m);
+  if (!name) return;
+  reader->Fail(std::string("geom ") + std::to_string(geom) + " '" + (m->names + m->name_geomadr[geom]) +
+               "', which it may touch, has a " + name + " that is no finite number: give it one");
 }
 
 }  // namespace
@@ -74,6 +62,29 @@ const char* WrongOption(const mjModel* m, bool implicit, bool changes_inertia) {
            "them: use at least one of the two";
   }
   return nullptr;
+}
+
+const char* WrongNumber(const mjModel* m, int geom) {
+  const struct {
+    const char* name;
+    const mjtNum* values;
+    int size;
+  } arrays[] = {
+      {"friction", m->geom_friction, 3}, {"margin", m->geom_margin, 1},      {"gap", m->geom_gap, 1},
+      {"solmix", m->geom_solmix, 1},     {"solref", m->geom_solref, mjNREF}, {"solimp", m->geom_solimp, mjNIMP}};
+  for (const auto& [name, values, size] : arrays) {
+    const mjtNum* first = values + size * geom;
+    if (!std::all_of(first, first + size, [](mjtNum value) { return std::isfinite(value); })) return name;
+  }
+  return nullptr;
+}
+
+std::pair<int, const char*> FirstWrongNumber(const mjModel* m) {
+  for (int geom = 0; geom < m->ngeom; geom++) {
+    if (!m->geom_contype[geom] && !m->geom_conaffinity[geom]) continue;
+    if (const char* name = WrongNumber(m, geom)) return {geom, name};
+  }
+  return {-1, nullptr};
 }
 
 void CheckRequirements(const mjModel* m, const SoftModel& model, Reader* reader) {

@@ -222,11 +222,14 @@ int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   for (SurfaceState* one : state) one->Update(d);
   const double most = meetings[0]->Margin(m) + meetings[1]->Margin(m);
   const bool is_wide = margin > most;  // a sensor of distance may ask farther than what collides
+  double height[2];                    // what is higher has no share in a contact
+  for (int s = 0; s < 2; s++) {
+    height[s] = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
+  }
+  if (meetings[0]->Apart(meetings[1], std::max(height[0], height[1]))) return 0;
   int count[2];
   for (int s = 0; s < 2; s++) {
-    // what is higher has no share in a contact
-    const double height = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
-    const MetPoints found = meetings[s]->FindVertices(side[s].patch, meetings[1 - s], height);
+    const MetPoints found = meetings[s]->FindVertices(side[s].patch, meetings[1 - s], height[s]);
     Touch* own = s == 0 ? out : out + count[0];
     count[s] = VertexTouches(side[s], side[1 - s].patch, found, s, margin, scratch, own);
   }

@@ -118,6 +118,13 @@ void World::CheckOptions(const mjModel* m) {
         m->opt.sdf_initpoints, kMaxTouches);
     told_few_ = true;
   }
+  if (!touches_ || told_number_) return;
+  if (const auto [geom, name] = FirstWrongNumber(m); name) {
+    mju_warning(
+        "mjframes: geom %d '%s' has a %s that is no finite number: it does not touch soft bodies until it has one.",
+        geom, m->names + m->name_geomadr[geom], name);
+    told_number_ = true;
+  }
 }
 
 bool IsSoftBody(const mjModel* m, int instance) { return instance >= 0 && m->plugin[instance] == g_slot; }

@@ -59,7 +59,7 @@ class World {
   InertiaFactor factor_;
   ContactScratch contact_rows_;
   ConstraintRows rows_;
-  bool told_ = false, told_few_ = false;  // what CheckOptions has to say
+  bool told_ = false, told_few_ = false, told_number_ = false;  // what CheckOptions has to say
 };
 
 // The soft body behind plugin instance `instance`, or null if that is another plugin's.

@@ -1,4 +1,4 @@
-"""What goes wrong in a run is said once, with what helps: energy from nothing, bodies that grow, regions folded over.
+"""What goes wrong in a run is said once, with what helps: energy from nothing, bodies that grow, fold over, or overlap.
 
 A soft body that floats free has the energy E = kinetic + elastic + potential, and gets the work W = Σ h f · q̇ of all
 forces but its own and gravity's: contacts, actuators, what users apply, each step's at the step's end. E − W grows by
@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.app.recording import STILL, Instant
-from mjframes.scene.instability import GROWN, warn
+from mjframes.scene.instability import GROWN, spread, warn, warn_inside
 from mjframes.scene.view import Soft
 
 GAIN = 0.1  # [-] of the energy that moved: what a body may have more than it got
 ANGLE = 0.1  # [rad] of the turn that A is found from
 TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/energy/motions.py)
 FOLDED = 0.5  # [s] that a region may be folded over
+INSIDE = 0.5  # [-] of a body's size at rest, by which another may be in it: a cube's quarter
 
 
 class Watch:
@@ -32,16 +33,45 @@ class Watch:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[str, Soft]) -> None:
         self._bodies = [_Watched(name, body) for name, body in bodies.items()]
+        self._overlaps = Overlaps(model, bodies)
+        self._data = data
+        self._told: set[tuple[str, str]] = set()
 
     def look(self, instant: Instant) -> None:
         """Warn (InstabilityWarning) of what is wrong at the start of the step that was made last."""
         for body in self._bodies:
             body.look(instant)
+        for pair, depth in self._overlaps.find(self._data).items():
+            if pair not in self._told:
+                self._told.add(pair)
+                warn_inside(*pair, depth, f"at {instant.time:.3g} s")
 
     def step(self) -> None:
         """Count the work of the step that was made last; call it after `look`."""
         for body in self._bodies:
             body.count_work()
+
+
+class Overlaps:
+    """Finds soft bodies of a model that are inside each other."""
+
+    def __init__(self, model: mujoco.MjModel, bodies: Mapping[str, Soft]) -> None:
+        self._names = list(bodies)
+        self._owner = np.full(model.ngeom, -1)  # number of the body that a geom belongs to
+        for number, body in enumerate(bodies.values()):
+            self._owner[body.patches] = number
+        self._least = INSIDE * np.array([spread(body.mass, body.rest) for body in bodies.values()])
+
+    def find(self, data: mujoco.MjData) -> dict[tuple[str, str], float]:
+        """Return how deep [m] those are in each other that are, by the contacts that `data` has."""
+        found: dict[tuple[str, str], float] = {}
+        deep = np.flatnonzero(data.contact.dist < -self._least.min(initial=np.inf))
+        for geoms, depth in zip(data.contact.geom[deep], -data.contact.dist[deep], strict=True):
+            first, second = sorted(self._owner[geoms].tolist())
+            if 0 <= first < second and (geoms >= 0).all() and depth > min(self._least[[first, second]]):
+                pair = self._names[first], self._names[second]
+                found[pair] = max(found.get(pair, 0.0), float(depth))
+        return found
 
 
 class _Watched:

@@ -24,7 +24,7 @@ from mjframes.scene.contact import Contact
 from mjframes.scene.identity import remember
 from mjframes.scene.links import Pose
 from mjframes.scene.load import changed_masses
-from mjframes.scene.patch_geoms import add_patches, use_plugin
+from mjframes.scene.patch_geoms import add_patches, reserve_memory, use_plugin
 from mjframes.scene.patches import ordered_patches
 from mjframes.scene.plugin_text import SEPARATOR, configuration, instance_name
 from mjframes.scene.scaling import add_scaling
@@ -106,7 +106,7 @@ def attach(
     instance.config = configuration(body, remember(body), order, _branches(body, place, name), patches)
     if patches:
         parameters = contact if isinstance(contact, Contact) else Contact()
-        add_patches(own, body, bodies, patches, parameters, name)
+        add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         add_skins(own, body, carried, local)
     add_scaling(own, local, body.deformable, body.materials)
@@ -120,6 +120,8 @@ def attach(
             f"mf.detach(spec, {name!r}) takes out what is left of that."
         ) from error
     inner.name = name  # of one letter it has a separator behind it
+    if patches:
+        reserve_memory(spec)
     if place.bodies:  # with bones that the soft body's own spec does not have
         add_skins(spec, body, carried, name)
     return Attachment(name, body)
@@ -141,6 +143,12 @@ def _checked(
         raise MjframesError(f"body is a {type(body).__name__}; give the SoftBody that build or SoftBody.load returned.")
     if not isinstance(contact, (bool, Contact)):
         raise MjframesError(f"contact is {contact!r}; give True, False or a Contact.")
+    size = float(np.linalg.norm(np.ptp(body.control.rest, axis=0)))
+    if isinstance(contact, Contact) and contact.margin is not None and contact.margin > size:
+        raise MjframesError(
+            f"the margin of the contact is {contact.margin:g} m, but the body is {size:.2g} m large: "
+            "all nearer than the margin is pushed away; give a few millimetres, or a gap to find what is near."
+        )
     if parent is None or parent == "world":
         holder = spec.worldbody
     elif isinstance(parent, str):

@@ -24,6 +24,16 @@ def warn(sentence: str) -> None:
     warnings.warn(f"soft body {sentence}; {HELP}.", InstabilityWarning, stacklevel=2)
 
 
+def warn_inside(first: str, second: str, depth: float, when: str) -> None:
+    """Warn that two soft bodies are so deep in each other [m], with what helps."""
+    warnings.warn(
+        f"the soft bodies {first!r} and {second!r} are {1000 * depth:.2g} mm inside each other {when}; start them "
+        "farther apart or slower, or give both mf.Contact(solref=(s, 1)) with a shorter s, of two timesteps or more.",
+        InstabilityWarning,
+        stacklevel=2,
+    )
+
+
 def spread(mass: Array, x: Array) -> float:
     """Return the root mean square distance of masses (k,) at x (k, 3) from their centre."""
     share = mass / mass.sum()

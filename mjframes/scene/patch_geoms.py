@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 
 import mujoco
@@ -10,28 +11,38 @@ import numpy as np
 
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import plugin
-from mjframes.scene.carriers import printable
+from mjframes.scene.carriers import Carrier, printable
 from mjframes.scene.contact import Contact
 from mjframes.scene.patches import Patch
 from mjframes.scene.plugin_text import SEPARATOR, soft_name
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
-BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its body's size before the broad phase loses it
+BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its size at rest before the broad phase loses it
+
+CONTACT = 80  # [bytes] that MuJoCo takes for each contact that a pair of geoms may have, while it looks for them …
+PAIR = 96  # [bytes] … and for the pair, at most
+KEPT = 500  # [bytes] at least, by which its memory grows with `nconmax`
+SPARE = 4 << 20  # [bytes] of its default memory, 13 MB or more, that pairs may take
 
 
 def add_patches(
     own: mujoco.MjSpec,
     body: SoftBody,
+    carried: Sequence[Carrier],
     bodies: Sequence[mujoco.MjsBody],
     patches: Sequence[Patch],
     contact: Contact,
     name: str,
 ) -> None:
-    """Add a geom for each of `patches` to the spec `own`, in which the first letter of `name` is left out."""
-    half = printable(BOUNDS * np.linalg.norm(np.ptp(body.control.rest, axis=0)))[0]
-    corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    # its distance is not used
-    own.add_mesh(name=f"{name[1:]}{SEPARATOR}bounds", uservert=corners.ravel(), octree_maxdepth=1)
+    """Add a geom for each of `patches` to the spec `own`, in which the first letter of `name` is left out.
+
+    bodies: of the `carried`.
+    """
+    for carrier, reach in _reaches(body, carried, patches).items():
+        half = printable(BOUNDS * reach)[0]
+        corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+        # its distance is not used
+        own.add_mesh(name=f"{name[1:]}{SEPARATOR}bounds_{carrier}", uservert=corners.ravel(), octree_maxdepth=1)
     own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()
     for number, patch in enumerate(patches):
@@ -41,7 +52,7 @@ def add_patches(
         geom = on.add_geom(
             name=f"{stem}patch_{number}",
             type=mujoco.mjtGeom.mjGEOM_SDF,
-            meshname=f"{stem}bounds",
+            meshname=f"{stem}bounds_{patch.carrier}",
             group=PATCH_GROUP,
             mass=0,
             rgba=[0.5, 0.5, 0.5, 0.1],
@@ -55,6 +66,48 @@ def add_patches(
         inner = sorted(owner for owner in owners if owner.startswith(name[1:] + SEPARATOR))
         for first, second in itertools.combinations(inner, 2):
             own.add_exclude(bodyname1=first, bodyname2=second)
+
+
+def reserve_memory(spec: mujoco.MjSpec) -> None:
+    """Give a scene memory for all pairs of its soft bodies' patches and other geoms, as if all lay in one heap.
+
+    What the scene asks for becomes as much as that, if it is less. What MuJoCo chooses by all else that is in the scene
+    grows by it: that is what `nconmax` still does.
+    """
+    rigid, patches = 0, Counter[str]()
+    for geom in spec.geoms:
+        if geom.contype or geom.conaffinity:
+            if geom.plugin.plugin_name == plugin.PATCH_NAME:
+                patches[geom.parent.plugin.name] += 1
+            else:
+                rigid += 1
+    soft = patches.total()
+    pairs = soft * rigid + (soft**2 - sum(count**2 for count in patches.values())) // 2
+    size = pairs * (CONTACT * spec.option.sdf_initpoints + PAIR)
+    if size <= SPARE:
+        return
+    if spec.memory >= 0:
+        spec.memory = max(spec.memory, size + SPARE)
+    else:
+        spec.nconmax = max(spec.nconmax, size // KEPT)
+
+
+def _reaches(body: SoftBody, carried: Sequence[Carrier], patches: Sequence[Patch]) -> dict[int, float]:
+    """How far from each carrier its patches have vertices or material at rest [m].
+
+    A carrier that slides does not turn with the body: its box has to hold the patches whichever way they are turned.
+    """
+    field = body.distance_field
+    place = np.stack(np.unravel_index(field.node, field.shape), axis=1)
+    nodes = field.origin + field.spacing * place @ body.fields.volume.axes.T
+    inside = field.distance < 0
+    reaches: dict[int, float] = {}
+    for patch in patches:
+        below = inside & (field.patch == body.contact.patch[patch.spheres[0]])
+        points = np.concatenate([body.contact.centers[patch.spheres], nodes[below]])
+        far = np.linalg.norm(points - carried[patch.carrier].pose[1], axis=1).max() + body.contact.radius
+        reaches[patch.carrier] = max(reaches.get(patch.carrier, 0.0), float(far))
+    return reaches
 
 
 def use_plugin(element: mujoco.MjsBody | mujoco.MjsGeom, name: str, plugin_name: str = plugin.NAME) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings as python_warnings
 from collections.abc import Callable
 from functools import cache
@@ -251,3 +252,22 @@ def test_collect_tells_of_bodies_that_are_too_large_or_folded_at_the_end(tmp_pat
         for what, world in (("far larger than at rest", 5), ("folded over, inside out,", 6))
     ]
     assert len(said(lambda: stepping.tell_of_bodies(entries, np.array([10, 10, 2]), [4, 5, 6]))) == 1
+
+
+@pytest.mark.parametrize(("apart", "told"), [(0.03, True), (0.0595, False)])
+def test_soft_bodies_that_are_inside_each_other_are_told_of_once(tmp_path: Path, apart: float, told: bool) -> None:
+    spec = mujoco.MjSpec.from_string(SPACE.format(timestep=0.002))
+    for name, y in (("left", 0.0), ("right", apart)):
+        attach(spec, bar(), name, pos=(0, y, 0))
+    path = tmp_path / "scene.xml"
+    spec.compile()
+    path.write_text(spec.to_xml())
+    model = load_scene(path)[0]
+    sentences = said(lambda: record(model, 0.05))
+    assert [re.sub(r"\d+ mm|at .* s;", "…", sentence).split(" start")[0] for sentence in sentences] == told * [
+        "the soft bodies 'left' and 'right' are … inside each other …"
+    ]
+    stepping = Stepping(Plan("", 3, 1.0, (), (), "none", 10.0, 0, 3, ""), model)
+    entries = np.zeros((2, 1, model.nq))
+    found = said(lambda: stepping.tell_of_bodies(entries, np.array([1, 1]), [4, 5]))
+    assert ["at the end of 2 worlds, the first of them 4;" in sentence for sentence in found] == [True] * told

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -21,11 +23,15 @@ from builders.stacked import block
 
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
+from mjframes.body.soft_body import SoftBody
+from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
+from mjframes.scene.load import mujoco_warnings
 from mjframes.scene.view import soft, soft_names
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
+SPACE = '<mujoco><option gravity="0 0 0"/></mujoco>'
 WEIGHTLESS = '<mujoco><option gravity="0 0 0" cone="{}" jacobian="{}"/></mujoco>'
 
 
@@ -327,3 +333,51 @@ def test_distances_are_found_beyond_what_touches(gap: float) -> None:
     found = [mujoco.mj_geomDistance(model, data, i, j, 0.05, None) for i in geoms[0] for j in geoms[1]]
     assert data.ncon == 0
     assert min(found) == pytest.approx(gap - cube.contact.radius, abs=2e-4)  # vertices are balls
+
+
+def test_a_margin_beyond_the_body_is_refused() -> None:
+    """It would throw two bodies 60 m up."""
+    spec = mujoco.MjSpec.from_string(FLOOR)
+    with pytest.raises(
+        MjframesError, match=r"margin of the contact is 1 m, but .* is 0.085 m large: .* a few millimetres"
+    ):
+        attach(spec, firm(1e5), "soft", contact=Contact(margin=1))
+    attach(spec, firm(1e5), "soft", contact=Contact(margin=0.01))
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_a_friction_that_is_no_number_is_told_of_once_and_takes_the_geom_out(cone: str) -> None:
+    """Set after the data was made; the floor goes on holding the body when it is a number again."""
+    model, data = compiled(FLOOR, (firm(1e5), (0, 0, -0.001), (1, 0, 0, 0)))
+    model.opt.cone = getattr(mujoco.mjtCone, f"mjCONE_{cone.upper()}")
+    mujoco.mj_step(model, data, 5)
+    assert data.ncon > 0
+    friction = model.geom_friction[1:].copy()
+    model.geom_friction[1:] = np.nan
+    with mujoco_warnings() as warnings:
+        mujoco.mj_step(model, data, 5)
+    assert data.ncon == 0
+    assert np.isfinite(data.qvel).all()
+    assert [text.split(" that is")[0] for text in warnings] == ["mjframes: geom 1 'soft0:patch_0' has a friction"]
+    model.geom_friction[1:] = friction
+    mujoco.mj_step(model, data, 5)
+    assert data.ncon > 0
+    assert np.isfinite(data.qvel).all()
+
+
+@cache
+def firm(young: float) -> SoftBody:
+    """A cube of 6 cm."""
+    return build(Volume.from_labels(np.ones((6, 6, 6), int), 0.01, {1: Material(young, 0.3, 1000)}), 3)
+
+
+@pytest.mark.parametrize("young", [1e5, 1e6])
+@pytest.mark.parametrize("apart", [(0.03, 0.0, 0.0), (0.03, 0.004, 0.002)])
+def test_bodies_that_overlap_by_half_come_apart(young: float, apart: tuple[float, ...]) -> None:
+    """The surface nearest to a vertex beyond the middle is the far one, and to leave there means to go on inwards."""
+    model, data = compiled(SPACE, (firm(young), (0, 0, 0), (1, 0, 0, 0)), (firm(young), apart, (1, 0, 0, 0)))
+    mujoco.mj_step(model, data, 400)
+    assert data.ncon == 0
+    views = [soft(model, data, name) for name in soft_names(model)]
+    far = np.subtract(*(view.mass @ view.control_positions / view.mass.sum() for view in views))
+    assert np.linalg.norm(far) > 0.06

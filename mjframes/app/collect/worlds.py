@@ -18,10 +18,10 @@ from mujoco.batch import Batch, SimulationError
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.push import LENGTH, pushes
 from mjframes.app.collect.variation import Varied, stream, variations
-from mjframes.app.watch import FOLDED
+from mjframes.app.watch import FOLDED, Overlaps
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
-from mjframes.scene.instability import GROWN, warn
+from mjframes.scene.instability import GROWN, warn, warn_inside
 from mjframes.scene.load import mujoco_warnings, start
 
 HOLD = 0.1  # [s] that a random control lasts
@@ -127,12 +127,14 @@ class Stepping:
         return Worlds(drawn, timestep * np.array(ticks), count=count, ended=tuple(ended), **kept)
 
     def tell_of_bodies(self, qpos: np.ndarray, count: np.ndarray, worlds: Sequence[int]) -> None:
-        """Warn (InstabilityWarning) of soft bodies that are far too large or folded over at the end of some worlds.
+        """Warn (InstabilityWarning) of soft bodies that are at the end of some worlds as they should not be: far too
+        large, folded over or inside each other.
 
         qpos: (n, t, nq) of the entries.  count: (n,) how many of these each world has.
         """
         last = _steps(FOLDED, 1 / self.plan.rate)
-        for name in view.soft_names(self.model):
+        names = view.soft_names(self.model)
+        for name in names:
             body, grown, folded = view.soft(self.model, self.data, name).quiet(), [], []
             for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
                 found = [self._looked_at(body, entry) for entry in entries[max(0, number - last) : number]]
@@ -141,6 +143,15 @@ class Stepping:
             for what, some in (("far larger than at rest", grown), ("folded over, inside out,", folded)):
                 if some:
                     warn(f"{name!r} is {what} at the end of {len(some)} worlds, the first of them {some[0]}")
+        overlaps = Overlaps(self.model, {name: view.soft(self.model, self.data, name).quiet() for name in names})
+        inside: dict[tuple[str, str], list[tuple[int, float]]] = {}
+        for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
+            self.data.qpos[:] = entries[number - 1]
+            mujoco.mj_fwdPosition(self.model, self.data)
+            for pair, depth in overlaps.find(self.data).items():
+                inside.setdefault(pair, []).append((world, depth))
+        for pair, some in inside.items():
+            warn_inside(*pair, some[0][1], f"at the end of {len(some)} worlds, the first of them {some[0][0]}")
 
     def _looked_at(self, body: view.Soft, qpos: np.ndarray) -> tuple[bool, bool]:
         """Whether a body is grown, and folded, at qpos."""
