@@ -22,14 +22,16 @@ inline constexpr double kTwistFirmness = 3;
 // [-] of an eigenvalue of sym RᵀF, 1 at rest: the rotation of least energy near the closest one is taken for the least
 // where all are larger.
 inline constexpr double kFolded = 0.4;
-inline constexpr int kTurnSteps = 40;        // of Newton's method for R; three or four are usual
-inline constexpr int kTurnHalvings = 20;     // of a step that does not go down
-inline constexpr double kTurnSlope = 1e-4;   // [-] of the expected descent that a step has to find
-inline constexpr double kTurnSure = 1e-5;    // [rad] a shorter step is not checked: energies differ by rounding
-inline constexpr double kSameShape = 1e-3;   // [-] of F at rest, to the identity: weights are rounded
+inline constexpr int kTurnSteps = 40;       // of Newton's method for R; three or four are usual
+inline constexpr int kTurnHalvings = 20;    // of a step that does not go down
+inline constexpr double kTurnSlope = 1e-4;  // [-] of the expected descent that a step has to find
+inline constexpr double kTurnSure = 1e-5;   // [rad] a shorter step is not checked: energies differ by rounding
+inline constexpr double kSameShape = 1e-3;  // [-] of F at rest, to the identity: weights are rounded
 
-// [-] of the curvature of W in how R turns, to Zᵀ U: where it is less R is about to jump, and a step takes Zᵀ U.
-inline constexpr double kSureTurn = 0.01;
+// [-] of the curvature C of W in how R turns, to Zᵀ U: from half to twice that a step knows how R turns. Elsewhere, as
+// where R is about to jump, it takes Zᵀ U for C, and is firmer: shorter steps do not overshoot while regions turn.
+inline constexpr double kSureTurn = 2;
+inline constexpr double kUnsureStep = 2;
 
 // [-] of Zᵀ U. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 inline constexpr double kSingular = 1e-8;

@@ -8,9 +8,10 @@
 //
 //   f = −R w,   stiffness = R Pᵀ H P Rᵀ,   P = 1 − Z Ω,   Ω = C⁻¹ (U − [a × w_j])ᵀ
 //
-// Ω tells how R turns as the points move; C is the curvature of W in such turns, Zᵀ U where nothing is strained. Zᵀ w =
-// 0, so that f carries no net force and no net torque. The stiffness is positive semi-definite, blind to rotations of
-// the current shape, and what the region has beside what its turning adds.
+// Ω tells how R turns as the points move; C is the curvature of W in such turns, Zᵀ U where nothing is strained. Where
+// the two differ much, Ω is that of Zᵀ U without w, and the stiffness is twice that; with cells Ω always is. Zᵀ w = 0,
+// so that f carries no net force and no net torque. The stiffness is positive semi-definite, blind to rotations of the
+// current shape, and what the region has beside what its turning adds.
 //
 // A region of one frame may evaluate a hyperelastic law in its cells. With y = Rᵀ x − x̄ of its control points,
 //
@@ -46,17 +47,17 @@ struct Cell {
 
 // One region: the control points that move it and how stiffly (m points).
 struct Region {
-  std::vector<int32_t> point;      // control points, ancestors first         (m)
-  std::vector<Vec3> rest;          // x̄_j minus their mean [m]                (m)
-  std::vector<Vec3> gradient;      // ḡ_j [1/m]                               (m)
-  bool solid;                      // whether ḡ shows all of F: its points do not lie in a plane at rest
-  std::vector<double> stiffness;   // K_e [N/m]                               (3m × 3m)
-  Shares shares;                   // what each material has of it; none where there is one alone
-  std::vector<int32_t> pair;       // pair of points of each block (j, k ≤ j) (m(m+1)/2)
-  Law law;                         // of the cells
-  std::vector<Cell> cells;         // none for the law `corotational`
-  double enlargement;              // of its stiffness where d->M has no room for all of it, else 1 [-]
-  int number;                      // in the attributes
+  std::vector<int32_t> point;     // control points, ancestors first         (m)
+  std::vector<Vec3> rest;         // x̄_j minus their mean [m]                (m)
+  std::vector<Vec3> gradient;     // ḡ_j [1/m]                               (m)
+  bool solid;                     // whether ḡ shows all of F: its points do not lie in a plane at rest
+  std::vector<double> stiffness;  // K_e [N/m]                               (3m × 3m)
+  Shares shares;                  // what each material has of it; none where there is one alone
+  std::vector<int32_t> pair;      // pair of points of each block (j, k ≤ j) (m(m+1)/2)
+  Law law;                        // of the cells
+  std::vector<Cell> cells;        // none for the law `corotational`
+  double enlargement;             // of its stiffness where d->M has no room for all of it, else 1 [-]
+  int number;                     // in the attributes
 
   int size() const { return static_cast<int>(point.size()); }
 };

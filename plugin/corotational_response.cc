@@ -164,16 +164,13 @@ MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
   return found;
 }
 
-// The lanes where the region is not folded after the turn D, and its points show that.
+// F of the regions in the axes of z.
 template <typename V>
-MJFRAMES_INLINE Mask<V> Unfolded(const Half<V>& half, const double* z, const V* D) {
-  const RegionBatch& batch = half.batch;
-  V S[9] = {}, turned[9];
+MJFRAMES_INLINE void GradientOf(const Half<V>& half, const double* z, V* F) {
+  for (int e = 0; e < 9; e++) F[e] = V{};
   for (int j = 0; j < half.size; j++) {
-    for (int e = 0; e < 9; e++) S[e] += half.Of(z, 3 * j + e / 3) * half.Of(batch.gradient.data(), 3 * j + e % 3);
+    for (int e = 0; e < 9; e++) F[e] += half.Of(z, 3 * j + e / 3) * half.Of(half.batch.gradient.data(), 3 * j + e % 3);
   }
-  MulT3(D, S, turned);
-  return Load<V>(batch.solid + half.first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
 }
 
 // The cells of one lane as functions of Δ.
@@ -207,12 +204,14 @@ void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
 
 // Searches for the Δ of one lane.
 template <typename V>
-void Search(const Half<V>& half, int lane, bool everywhere, const V* A, const V* b, V* delta, BatchScratch* scratch) {
+void Search(const Half<V>& half, int lane, const V* A, const V* b, const V* F, V* delta, BatchScratch* scratch) {
   Turn& turn = scratch->turn;
   for (int e = 0; e < 81; e++) turn.curvature[e] = A[e][lane];
   for (int e = 0; e < 9; e++) turn.slope[e] = b[e][lane];
+  turn.F = LaneOf(F, lane);
+  turn.solid = half.batch.solid[half.first + lane] > 0;
   CellsOf(half, lane, scratch->z.data(), &turn);
-  const Mat3 found = LeastTurn(turn, everywhere);
+  const Mat3 found = LeastTurn(turn);
   for (int e = 0; e < 9; e++) delta[e][lane] = found[e];
 }
 
@@ -405,9 +404,10 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
 }
 
 // How the region turns as its points move, Ω_j, and Y_j = U_j − ½ Ω_jᵀ Zᵀ U, of which Pᵀ H P = H − Yⱼ Ω_k − Ω_jᵀ Y_kᵀ.
-// inverse: (Zᵀ U)⁻¹, which stands for the curvature in how R turns where that is about to vanish.
+// inverse: (Zᵀ U)⁻¹, which stands for that of the curvature in how R turns where this is unsure. Returns by how much
+// the stiffness of a step is firmer.
 template <typename V>
-MJFRAMES_INLINE void Follow(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
+MJFRAMES_INLINE V Follow(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
   const double* product = scratch->product.data();
   V ZU[9] = {}, M[9] = {}, N[9], C[9], adjugate[9], turns[9];
   for (int j = 0; j < half.size; j++) {
@@ -426,11 +426,17 @@ MJFRAMES_INLINE void Follow(const Half<V>& half, const V* inverse, BatchScratch*
     N[e] = 0.5 * (ZU[e] + ZU[t]);
     C[e] = N[e] + 0.5 * (M[e] + M[t]) - (e % 4 == 0 ? trace : V{});
   }
-  const V size = N[0] + N[4] + N[8], floor = kSureTurn * size;
+  V above[9], below[9];
+  for (int e = 0; e < 9; e++) {
+    above[e] = kSureTurn * C[e] - N[e];
+    below[e] = kSureTurn * N[e] - C[e];
+  }
+  const auto sure = EigenvaluesExceed(above, V{}) && EigenvaluesExceed(below, V{});
   const V determinant = Adjugate(C, adjugate);
-  const auto sure = C[0] > floor && adjugate[8] > floor * C[0] && determinant > floor * adjugate[8];
-  const V factor = 1.0 / determinant, turned = sure ? Fill<V>(1) : V{};
-  for (int e = 0; e < 9; e++) turns[e] = sure ? adjugate[e] * factor : inverse[e];
+  const auto shown = Load<V>(half.batch.solid + half.first) > 0.0;
+  const auto known = sure && shown && Fill<V>(half.batch.cells) < 0.5;
+  const V factor = 1.0 / determinant, turned = known ? Fill<V>(1) : V{};
+  for (int e = 0; e < 9; e++) turns[e] = known ? adjugate[e] * factor : inverse[e];
   for (int j = 0; j < half.size; j++) {
     V w[3], U[9], B[9], omega[9];  // B_j = U_j − [e_c × w_j], entry 3r + c
     for (int r = 0; r < 3; r++) w[r] = turned * half.Of(product, 12 * j + r);
@@ -451,6 +457,7 @@ MJFRAMES_INLINE void Follow(const Half<V>& half, const V* inverse, BatchScratch*
                scratch->follow.data(), 18 * j + 9 + e);
     }
   }
+  return sure || !shown ? Fill<V>(1) : Fill<V>(kUnsureStep);
 }
 
 // Adds V_q E_qjᵀ H_q E_qk to a block of H.
@@ -467,9 +474,12 @@ MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const Bat
   }
 }
 
-// R Pᵀ H P Rᵀ of all blocks
+// R Pᵀ H P Rᵀ of all blocks, `firmer` times
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchScratch& scratch, const Wanted& wanted) {
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firmer, const BatchScratch& scratch,
+                                  const Wanted& wanted) {
+  V scaled[9];
+  for (int e = 0; e < 9; e++) scaled[e] = firmer * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
@@ -487,7 +497,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const BatchSc
         }
       }
       for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
-      Mul3(R, block, left);
+      Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
         const V* axis = R + e % 3 * 3;
@@ -508,17 +518,19 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     const Half<V> half = {batch, moduli, first};
     const int regions = std::min(static_cast<int>(batch.region.size()) - first, kWidth<V>);
     if (regions <= 0) break;  // the last regions do not fill all lanes
-    V R[9], A[81], b[9], delta[9], D[9], turned[9], inverse[9];
+    V R[9], A[81], b[9], F[9], delta[9], D[9], turned[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
     Unturn(half, x, scratch, R);
     for (int e = 0; e < 9; e++) half.Put(R[e], scratch->rotation, e);
     Multiply(half, scratch, A, b);
     const auto found = FollowTurn(A, b, delta);
     for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
-    const auto unfolded = Unfolded(half, scratch->z.data(), D);
+    GradientOf(half, scratch->z.data(), F);
+    MulT3(D, F, turned);
+    const auto unfolded = Load<V>(batch.solid + first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
     for (int lane = 0; lane < regions; lane++) {
       if (found[lane] && unfolded[lane] && !batch.cells) continue;
-      Search(half, lane, !unfolded[lane], A, b, delta, scratch);
+      Search(half, lane, A, b, F, delta, scratch);
     }
     for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
     Mul3(R, D, turned);
@@ -534,8 +546,8 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     InvertTwist(half, *scratch, inverse);
     AddForce(half, turned, inverse, *scratch, wanted.force);
     if (!wanted.stiffness) continue;
-    Follow(half, inverse, scratch);
-    AddStiffness(half, turned, *scratch, wanted);
+    const V firmer = Follow(half, inverse, scratch);
+    AddStiffness(half, turned, firmer, *scratch, wanted);
   }
 }
 

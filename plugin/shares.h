@@ -3,8 +3,9 @@
 //
 //   R(s) = s_M R + Σ_{m<M} (s_m − s_M) R_m,   K(s) = R(s)ᵀ C(s)⁻¹ R(s) + s̄ Q,   Q = K − Rᵀ C⁻¹ R
 //
-// to first order in s but for Q, of which s̄ = tr C(s) / tr C, and positive semi-definite for all s > 0 (mjframes/elasticity/shares.py). Where all points are
-// the region's own, K(s) = R(s). Index letters: m material; M the last; r row of R.
+// to first order in s but for Q, of which s̄ = tr C(s) / tr C, and positive semi-definite for all s > 0
+// (mjframes/elasticity/shares.py). Where all points are the region's own, K(s) = R(s). Index letters: m material; M the
+// last; r row of R.
 
 #ifndef MJFRAMES_PLUGIN_SHARES_H_
 #define MJFRAMES_PLUGIN_SHARES_H_

@@ -154,12 +154,18 @@ double Descend(const Turn& turn, Mat3* delta) {
 
 }  // namespace
 
-Mat3 LeastTurn(const Turn& turn, bool everywhere) {
+Mat3 LeastTurn(const Turn& turn) {
   Mat3 best{};
   double least = Descend(turn, &best);
-  for (int axis = 0; axis < 3 && everywhere; axis++) {  // half a turn about each axis
+  const Mat3 S = Mul(Transpose(PlusOne(best)), turn.F);
+  if (turn.solid && EigenvaluesExceed(S.data(), kFolded)) return best;
+  for (int start = 1; start < 12; start++) {  // the turns of a tetrahedron
+    const int shift = start / 4, flipped = start % 4;
     Mat3 delta{};
-    for (int e = 0; e < 9; e += 4) delta[e] = e == 4 * axis ? 0 : -2;
+    for (int r = 0; r < 3; r++) {
+      delta[3 * r + (r + shift) % 3] = flipped == 0 || r + 1 == flipped ? 1 : -1;
+      delta[4 * r] -= 1;
+    }
     const double energy = Descend(turn, &delta);
     if (!(energy < least)) continue;
     least = energy;

@@ -32,13 +32,15 @@ struct TurnCells {
 struct Turn {
   double curvature[81];          // A [J]
   double slope[9];               // b [J]
+  Mat3 F;                        // of the region for Δ = 0
+  bool solid;                    // whether F tells how the region is turned
   Law law;                       // of the cells
   int groups = 0;                // of `cells` that count
   std::vector<TurnCells> cells;  //
 };
 
-// Δ of least energy. everywhere: not only near D = 1.
-Mat3 LeastTurn(const Turn& turn, bool everywhere);
+// Δ of least energy: near D = 1, or anywhere where the region is folded there.
+Mat3 LeastTurn(const Turn& turn);
 
 }  // namespace mjframes
 

@@ -6,8 +6,9 @@
     P   = 1 − Z Ω,   Ω = C⁻¹ (H Z − [a × w_j])ᵀ
 
 κ makes R well determined: K_e at rest does not know it. H = ∂²W/∂y² at fixed R, (Z a)_j = a × z_j, Ω tells how R turns
-as the points move and C is the curvature of W in such turns; where that is about to vanish, R about to jump, a step
-takes Zᵀ H Z. As the least of smooth functions of x, W is continuous, and has the gradient of the least one.
+as the points move and C is the curvature of W in such turns. Where C is far from Zᵀ H Z, R may be about to jump: then
+Ω = (Zᵀ H Z)⁻¹ Zᵀ H, as with a hyperelastic law, and K is twice that. As the least of smooth functions of x, W is
+continuous, and has the gradient of the least one.
 
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 
@@ -35,12 +36,15 @@ STEPS, HALVINGS = 60, 30  # of Newton's method for R
 SURE, CLOSE = 1e-5, 1e-9  # [rad] a shorter step is not checked, or ends it
 DESCENT = 1e-4  # [-] of the expected descent that a step has to find
 TRUST = 0.7  # [rad] longest step
-SURE_TURN = 0.01  # [-] of C, to Zᵀ H Z
+SURE_TURN = 2.0  # [-] of C, to Zᵀ H Z, and the other way round
+UNSURE_STEP = 2.0  # [-] of K, where C is not so
 SINGULAR = 1e-8  # [-] of Zᵀ H Z
 
 CROSS = np.array(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]]
 )
+FLIPS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+TETRAHEDRON = [flip[:, None] * np.roll(np.eye(3), shift, axis=1) for shift in range(3) for flip in FLIPS]  # its turns
 
 
 def closest_rotation(deformation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,12 +63,6 @@ def turned(rotation: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[
     """Return R turned by a (3,) [rad] in its own axes, by Cayley's map."""
     q = 0.5 * np.tensordot(turn, CROSS, 1)
     return rotation @ (np.eye(3) + 2 / (1 + 0.25 * turn @ turn) * (q + q @ q))
-
-
-def sure_turn(curvature: NDArray[np.float64], size: float) -> bool:
-    """Return whether C (3, 3) is well above zero beside tr Zᵀ H Z: each pivot of its elimination."""
-    minors = [1.0, *(float(np.linalg.det(curvature[:n, :n])) for n in (1, 2, 3))]
-    return all(minors[n] > SURE_TURN * size * minors[n - 1] for n in (1, 2, 3))
 
 
 def shear_stiffness(rest: NDArray[np.float64], stiffness: NDArray[np.float64]) -> float:
@@ -190,8 +188,8 @@ class CorotationalRegion:
         least, best = turn.descend(np.eye(3))
         S = (start @ best).T @ x.T @ self.gradient
         if not self.solid or np.linalg.eigvalsh(S + S.T)[0] < 2 * FOLDED:
-            for axis in range(3):  # half a turn about each
-                found, rotation = turn.descend(np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)))
+            for some in TETRAHEDRON[1:]:
+                found, rotation = turn.descend(some)
                 if found < least:
                     least, best = found, rotation
         return start @ best
@@ -223,13 +221,16 @@ class CorotationalRegion:
         inverse = np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True)
         slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
         curvatures = self._twist(z, slope, curvature)
-        if sure_turn(curvatures, np.trace(twist)):
+        sure = min(np.linalg.eigvalsh(SURE_TURN * a - b)[0] for a, b in ((curvatures, twist), (twist, curvatures))) > 0
+        if sure and self.solid and not self.cells:
             follow = np.linalg.solve(curvatures, (product - cross_stack(slope.reshape(-1, 3))).T)
         else:
             follow = inverse @ product.T
         turn = np.kron(np.eye(len(x)), rotation)
         apart = (np.eye(x.size) - stack @ follow) @ turn.T
-        return -(turn @ slope).reshape(-1, 3), apart.T @ curvature @ apart
+        return -(turn @ slope).reshape(-1, 3), (
+            1.0 if sure or not self.solid else UNSURE_STEP
+        ) * apart.T @ curvature @ apart
 
     def _energy(
         self, z: NDArray[np.float64], projected: bool = False

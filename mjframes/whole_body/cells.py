@@ -128,7 +128,7 @@ def cells(
                 rest[m][every] += matrix
         for V, number, E in zip(volume[e], material[e], slope[e], strict=True):
             rest[factor[number]][every] -= V * E.T @ tangent[number] @ E
-    parts = split(rest, control, stiffness.points[:shared])
+    parts = split(rest, np.diagonal(total), control, stiffness.points[:shared])
     remainder = [*(matrix for matrix, _ in parts), *stiffness.matrix[shared:]]
     return Cells(
         volume=tuple(volume),

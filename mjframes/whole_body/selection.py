@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.base.rigid import motion_basis, rigid_motions, size_of
+from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.elasticity.shares import by_material
 from mjframes.kinematics.control import ControlPoints
 from mjframes.whole_body.superelement import degrees, scaled_eigenvectors
@@ -37,6 +37,7 @@ from mjframes.whole_body.superelement import degrees, scaled_eigenvectors
 Array = NDArray[np.float64]
 
 PAIRED = 0.5  # [-] of the energy; at ¼ some bodies stay crumpled, at 1 a strip bent by its weight is a fifth too stiff
+ROUNDING = 1e-10  # [-] eigenvalue of a part of K, to the diagonal of K, that counts as zero
 LOOSE = 1e-11  # [-] eigenvalue of a scaled stiffness that counts as zero; rounding leaves about 1e-15
 
 
@@ -88,7 +89,7 @@ def select(matrix: Array, control: ControlPoints, parents: Sequence[Sequence[int
         every = degrees(pair)
         rest[:, every[:, None], every] -= np.stack([*S[1:], S[0] - S[1:].sum(axis=0)])
         pairs.append((degrees(np.searchsorted(part.points, pair)), S))
-    parts = zip(given, split(rest, control, points), pairs, strict=True)
+    parts = zip(given, split(rest, np.diagonal(whole[0]), control, points), pairs, strict=True)
     return [_with_pair(part, control, *remainder, *pair) for part, remainder, pair in parts]
 
 
@@ -101,14 +102,17 @@ def _pair(part: Part, control: ControlPoints) -> NDArray[np.int64]:
     return part.points[own | (frame == (np.argmax(of_frame) if not own.all() else -1))]
 
 
-def _with_pair(part: Part, control: ControlPoints, matrix: Array, shares: Array, at: Array, S: Array) -> Part:
+def _with_pair(
+    part: Part, control: ControlPoints, matrix: Array, shares: Array, at: NDArray[np.int64], S: Array
+) -> Part:
     """The region with the energy S, and its shares, of the degrees of freedom `at`."""
     matrix, own = matrix.copy(), shares.shape[1]
     matrix[np.ix_(at, at)] += S[0]
     of_pair = np.zeros((len(shares), *matrix.shape))
     of_pair[:, at[:, None], at] = S[1:]
-    rigid = motion_basis(control.rest[part.points])
-    blind = np.eye(len(matrix)) - rigid @ rigid.T  # but for rounding it is
+    rest = control.rest[part.points]
+    rigid = rigid_motions(rest, rest.mean(axis=0), size_of(rest))
+    blind = np.eye(len(matrix)) - rigid @ np.linalg.pinv(rigid, rcond=1e-9)  # but for rounding it is
     matrix = blind @ matrix @ blind
     return Part(part.points, (matrix + matrix.T) / 2, (shares + of_pair[:, len(matrix) - own :]) @ blind)
 
@@ -172,19 +176,21 @@ def _part(points: NDArray[np.int64], condensed: Array, rest: Array, own: int) ->
     return Part(points, (added + added.T) / 2, shares)
 
 
-def split(matrices: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]) -> list[tuple[Array, Array]]:
+def split(
+    matrices: Array, scale: Array, control: ControlPoints, regions: Sequence[NDArray[np.int64]]
+) -> list[tuple[Array, Array]]:
     """Return positive semi-definite parts (3m, 3m), one a region, of a positive semi-definite matrix, and their shares.
 
     The frames are eliminated from the last one on, and a frame's own block with what it couples to is its region's.
-    matrices: (M, 3k, 3k) what each material has of it.  regions: (m,) control points of each, the child's last.
+    matrices: (M, 3k, 3k) what each material has of it.  scale: (3k,) the diagonal of K, of which it is a part.
+    regions: (m,) control points of each, the child's last.
     """
     rest, by_one, parts = matrices.sum(axis=0), matrices.copy(), []
-    largest = np.diagonal(rest).max()
     for points in reversed(regions):
         own, every = degrees(points[control.frame[points] == control.frame[points[-1]]]), degrees(points)
         others = every[: len(every) - len(own)]
         value, vector = np.linalg.eigh(rest[np.ix_(own, own)])
-        kept = value > LOOSE * largest
+        kept = value > ROUNDING * scale[own].max()
         root = vector[:, kept] * np.sqrt(value[kept])  # of the own block C
         inverse = vector[:, kept] / np.sqrt(value[kept])
         reach = inverse.T @ rest[np.ix_(own, every)]

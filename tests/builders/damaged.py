@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from builders.scenes import FLOOR, beam
 
+from mjframes.base.constants import FORMAT_VERSION
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.plugin_text import decode, encode
@@ -46,7 +47,10 @@ def edited(key: str, pattern: str, replacement: str) -> str:
 
 
 DAMAGED = {
-    "another version": ("version", "7", "99", "its data has version '99', this plugin reads version 7"),
+    "another version": (
+        *("version", str(FORMAT_VERSION), "99"),
+        f"its data has version '99', this plugin reads version {FORMAT_VERSION}",
+    ),
     "another law": ("law", "corotational", "hooke", "law has to be 'corotational'"),
     "a law without its arrays": ("law", "corotational", "neo_hookean", "law_constants is not an array of type f64"),
     "negative damping": ("alpha", "0.0", "-1", "alpha is '-1' but has to be a number ≥ 0"),

@@ -132,7 +132,7 @@ def test_stiffness_is_the_curvature_of_the_energy_where_nothing_turns(solid: Cor
     rng = np.random.default_rng(6)
     step = 1e-4 * np.ptp(solid.rest, axis=0).max()
     for _ in range(5):
-        x = distorted(solid.rest, rng, 0.15)
+        x = distorted(solid.rest, rng, 0.05)
         x = x - x.mean(axis=0)
         rotation = solid.rotation(x)
         if np.linalg.eigvalsh(rotation.T @ x.T @ solid.gradient + solid.gradient.T @ x @ rotation)[0] < 2 * FOLDED:
