@@ -77,7 +77,7 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
     assert 3e-3 < sway[1] < 0.02  # [m]: the spine bends, and the belly with it
     assert 0.01 < sway[2] < 0.03  # [m]: the guts go on where the spine turns back
     assert found.stretch.max() < 6  # in the ankles; boneless toes stretched by 18
-    assert np.count_nonzero(found.stretch > 3) < 0.0012 * len(found.stretch)
+    assert np.count_nonzero(found.stretch > 3) < 0.002 * len(found.stretch)
     view = mf.soft(found.model, found.data, "flesh")
     assert found.body.links == tuple(BONES)
     assert view.elastic_energy > 0
