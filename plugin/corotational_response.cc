@@ -46,9 +46,9 @@ struct Half {
   }
 };
 
-// z_j = Rᵀ x_j centred, and R, the rotation closest to F.
+// z_j = Rᵀ x_j centred, R, the rotation closest to F, and S = RᵀF.
 template <typename V>
-MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R) {
+MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* scratch, V* R, V* S) {
   const RegionBatch& batch = half.batch;
   double* z = scratch->z.data();
   V mean[3] = {}, F[9] = {};
@@ -64,6 +64,7 @@ MJFRAMES_INLINE void Unturn(const Half<V>& half, const Vec3* x, BatchScratch* sc
     }
   }
   FollowRotation(F, R);
+  MulT3(R, F, S);
   // centred: positions far from the origin would cost digits, translations carry no energy
   for (V& m : mean) m *= Load<V>(batch.inverse_size + half.first);
   for (int j = 0; j < half.size; j++) {
@@ -164,15 +165,6 @@ MJFRAMES_INLINE Mask<V> FollowTurn(const V* A, const V* b, V* delta) {
   return found;
 }
 
-// F of the regions in the axes of z.
-template <typename V>
-MJFRAMES_INLINE void GradientOf(const Half<V>& half, const double* z, V* F) {
-  for (int e = 0; e < 9; e++) F[e] = V{};
-  for (int j = 0; j < half.size; j++) {
-    for (int e = 0; e < 9; e++) F[e] += half.Of(z, 3 * j + e / 3) * half.Of(half.batch.gradient.data(), 3 * j + e % 3);
-  }
-}
-
 // The cells of one lane as functions of Δ.
 template <typename V>
 void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
@@ -204,11 +196,11 @@ void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
 
 // Searches for the Δ of one lane.
 template <typename V>
-void Search(const Half<V>& half, int lane, const V* A, const V* b, const V* F, V* delta, BatchScratch* scratch) {
+void Search(const Half<V>& half, int lane, const V* A, const V* b, const V* S, V* delta, BatchScratch* scratch) {
   Turn& turn = scratch->turn;
   for (int e = 0; e < 81; e++) turn.curvature[e] = A[e][lane];
   for (int e = 0; e < 9; e++) turn.slope[e] = b[e][lane];
-  turn.F = LaneOf(F, lane);
+  turn.S = LaneOf(S, lane);
   turn.solid = half.batch.solid[half.first + lane] > 0;
   CellsOf(half, lane, scratch->z.data(), &turn);
   const Mat3 found = LeastTurn(turn);
@@ -345,10 +337,10 @@ double CellEnergy(const Half<V>& half, int lane, const BatchScratch& scratch) {
   return energy;
 }
 
-// (Zᵀ U)⁻¹; where points on a line can turn about it unseen, its pseudo-inverse.
+// Zᵀ U
 template <typename V>
-MJFRAMES_INLINE void InvertTwist(const Half<V>& half, const BatchScratch& scratch, V* inverse) {
-  V ZU[9] = {}, H[9];
+MJFRAMES_INLINE void Twist(const Half<V>& half, const BatchScratch& scratch, V* twist) {
+  V ZU[9] = {};
   for (int j = 0; j < half.size; j++) {
     V z[3], u[3], moment[3];
     for (int r = 0; r < 3; r++) z[r] = half.Of(scratch.z.data(), 3 * j + r);
@@ -358,16 +350,21 @@ MJFRAMES_INLINE void InvertTwist(const Half<V>& half, const BatchScratch& scratc
       for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
     }
   }
-  for (int e = 0; e < 9; e++) H[e] = 0.5 * (ZU[e] + ZU[3 * (e % 3) + e / 3]);
-  const V determinant = Adjugate(H, inverse);
-  V size = Abs(H[0]);
-  for (int e = 1; e < 9; e++) size = size > Abs(H[e]) ? size : Abs(H[e]);
+  for (int e = 0; e < 9; e++) twist[e] = 0.5 * (ZU[e] + ZU[3 * (e % 3) + e / 3]);
+}
+
+// (Zᵀ U)⁻¹; where points on a line can turn about it unseen, its pseudo-inverse.
+template <typename V>
+MJFRAMES_INLINE void InvertTwist(const V* twist, V* inverse) {
+  const V determinant = Adjugate(twist, inverse);
+  V size = Abs(twist[0]);
+  for (int e = 1; e < 9; e++) size = size > Abs(twist[e]) ? size : Abs(twist[e]);
   const auto regular = Abs(determinant) > kSingular * size * size * size;
   const V factor = 1.0 / determinant;
   for (int e = 0; e < 9; e++) inverse[e] *= factor;
   for (int lane = 0; lane < kWidth<V>; lane++) {
     if (regular[lane]) continue;
-    const Mat3 one = PseudoInverse(LaneOf(H, lane));
+    const Mat3 one = PseudoInverse(LaneOf(twist, lane));
     for (int e = 0; e < 9; e++) inverse[e][lane] = one[e];
   }
 }
@@ -404,32 +401,23 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
 }
 
 // How the region turns as its points move, Ω_j, and Y_j = U_j − ½ Ω_jᵀ Zᵀ U, of which Pᵀ H P = H − Yⱼ Ω_k − Ω_jᵀ Y_kᵀ.
-// inverse: (Zᵀ U)⁻¹, which stands for that of the curvature in how R turns where this is unsure. Returns by how much
-// the stiffness of a step is firmer.
+// twist: Zᵀ U.  inverse: its inverse, which stands for that of the curvature in how R turns where this is unsure.
+// Returns by how much the stiffness of a step is firmer.
 template <typename V>
-MJFRAMES_INLINE V Follow(const Half<V>& half, const V* inverse, BatchScratch* scratch) {
+MJFRAMES_INLINE V Follow(const Half<V>& half, const V* twist, const V* inverse, BatchScratch* scratch) {
   const double* product = scratch->product.data();
-  V ZU[9] = {}, M[9] = {}, N[9], C[9], adjugate[9], turns[9];
+  V M[9] = {}, C[9], adjugate[9], turns[9];
   for (int j = 0; j < half.size; j++) {
-    V z[3], u[3], moment[3];
-    for (int r = 0; r < 3; r++) z[r] = half.Of(scratch->z.data(), 3 * j + r);
-    for (int e = 0; e < 9; e++) M[e] += z[e / 3] * half.Of(product, 12 * j + e % 3);
-    for (int c = 0; c < 3; c++) {
-      for (int r = 0; r < 3; r++) u[r] = half.Of(product, 12 * j + 3 * (1 + c) + r);
-      Cross3(z, u, moment);
-      for (int r = 0; r < 3; r++) ZU[3 * r + c] += moment[r];
-    }
+    for (int e = 0; e < 9; e++) M[e] += half.Of(scratch->z.data(), 3 * j + e / 3) * half.Of(product, 12 * j + e % 3);
   }
   const V trace = M[0] + M[4] + M[8];
   for (int e = 0; e < 9; e++) {
-    const int t = 3 * (e % 3) + e / 3;
-    N[e] = 0.5 * (ZU[e] + ZU[t]);
-    C[e] = N[e] + 0.5 * (M[e] + M[t]) - (e % 4 == 0 ? trace : V{});
+    C[e] = twist[e] + 0.5 * (M[e] + M[3 * (e % 3) + e / 3]) - (e % 4 == 0 ? trace : V{});
   }
   V above[9], below[9];
   for (int e = 0; e < 9; e++) {
-    above[e] = kSureTurn * C[e] - N[e];
-    below[e] = kSureTurn * N[e] - C[e];
+    above[e] = kSureTurn * C[e] - twist[e];
+    below[e] = kSureTurn * twist[e] - C[e];
   }
   const auto sure = EigenvaluesExceed(above, V{}) && EigenvaluesExceed(below, V{});
   const V determinant = Adjugate(C, adjugate);
@@ -453,7 +441,7 @@ MJFRAMES_INLINE V Follow(const Half<V>& half, const V* inverse, BatchScratch* sc
     for (int e = 0; e < 9; e++) {
       const int r = e / 3, c = e % 3;
       half.Put(omega[e], scratch->follow.data(), 18 * j + e);
-      half.Put(U[e] - 0.5 * (omega[r] * N[c] + omega[3 + r] * N[3 + c] + omega[6 + r] * N[6 + c]),
+      half.Put(U[e] - 0.5 * (omega[r] * twist[c] + omega[3 + r] * twist[3 + c] + omega[6 + r] * twist[6 + c]),
                scratch->follow.data(), 18 * j + 9 + e);
     }
   }
@@ -518,19 +506,18 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     const Half<V> half = {batch, moduli, first};
     const int regions = std::min(static_cast<int>(batch.region.size()) - first, kWidth<V>);
     if (regions <= 0) break;  // the last regions do not fill all lanes
-    V R[9], A[81], b[9], F[9], delta[9], D[9], turned[9], inverse[9];
+    V R[9], S[9], A[81], b[9], delta[9], D[9], turned[9], twist[9], inverse[9];
     for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
-    Unturn(half, x, scratch, R);
+    Unturn(half, x, scratch, R, S);
     for (int e = 0; e < 9; e++) half.Put(R[e], scratch->rotation, e);
     Multiply(half, scratch, A, b);
     const auto found = FollowTurn(A, b, delta);
     for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
-    GradientOf(half, scratch->z.data(), F);
-    MulT3(D, F, turned);
+    MulT3(D, S, turned);
     const auto unfolded = Load<V>(batch.solid + first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
     for (int lane = 0; lane < regions; lane++) {
       if (found[lane] && unfolded[lane] && !batch.cells) continue;
-      Search(half, lane, A, b, F, delta, scratch);
+      Search(half, lane, A, b, S, delta, scratch);
     }
     for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
     Mul3(R, D, turned);
@@ -543,10 +530,11 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     }
     if (!wanted.force) continue;
     if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
-    InvertTwist(half, *scratch, inverse);
+    Twist(half, *scratch, twist);
+    InvertTwist(twist, inverse);
     AddForce(half, turned, inverse, *scratch, wanted.force);
     if (!wanted.stiffness) continue;
-    const V firmer = Follow(half, inverse, scratch);
+    const V firmer = Follow(half, twist, inverse, scratch);
     AddStiffness(half, turned, firmer, *scratch, wanted);
   }
 }

@@ -157,8 +157,8 @@ double Descend(const Turn& turn, Mat3* delta) {
 Mat3 LeastTurn(const Turn& turn) {
   Mat3 best{};
   double least = Descend(turn, &best);
-  const Mat3 S = Mul(Transpose(PlusOne(best)), turn.F);
-  if (turn.solid && EigenvaluesExceed(S.data(), kFolded)) return best;
+  const Mat3 turned = Mul(Transpose(PlusOne(best)), turn.S);
+  if (turn.solid && EigenvaluesExceed(turned.data(), kFolded)) return best;
   for (int start = 1; start < 12; start++) {  // the turns of a tetrahedron
     const int shift = start / 4, flipped = start % 4;
     Mat3 delta{};

@@ -32,7 +32,7 @@ struct TurnCells {
 struct Turn {
   double curvature[81];          // A [J]
   double slope[9];               // b [J]
-  Mat3 F;                        // of the region for Δ = 0
+  Mat3 S;                        // R₀ᵀ F, F the region's own gradient [-]
   bool solid;                    // whether F tells how the region is turned
   Law law;                       // of the cells
   int groups = 0;                // of `cells` that count

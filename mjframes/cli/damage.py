@@ -131,8 +131,7 @@ def _body(kind: int) -> bytes:
 @cache
 def _log() -> bytes:
     """A good log of 50 ms."""
-    spec = mujoco.MjSpec.from_string(SCENE)
-    attach(spec, soft_body(0), "soft", pos=(0, 0, 0.1))
+    spec = _scene()
     model = spec.compile()
     model.opt.gravity[2] = -9.0 - 1 / 3  # a number that XML does not give
     with tempfile.TemporaryDirectory() as folder:
@@ -238,11 +237,15 @@ def _other_numbers(rng: Rng, good: bytes) -> bytes:
     return _packed(_few(rng, arrays, partial(other_array, rng)))
 
 
-@cache
-def _model() -> mujoco.MjModel:
+def _scene() -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(SCENE)
     attach(spec, soft_body(0), "soft", pos=(0, 0, 0.1))
-    return spec.compile()
+    return spec
+
+
+@cache
+def _model() -> mujoco.MjModel:
+    return _scene().compile()
 
 
 def _few(rng: Rng, arrays: Arrays, other: Callable[[NDArray[Any], Arrays], NDArray[Any] | None]) -> Arrays:

@@ -65,6 +65,11 @@ def turned(rotation: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[
     return rotation @ (np.eye(3) + 2 / (1 + 0.25 * turn @ turn) * (q + q @ q))
 
 
+def stress_twist(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what a stress adds to the curvature (3, 3) of W in turns, from Σ_j z_j w_jᵀ (3, 3)."""
+    return 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
+
+
 def shear_stiffness(rest: NDArray[np.float64], stiffness: NDArray[np.float64]) -> float:
     """Return the mean of K_e's eigenvalues [J] on the five motions x̄_j → G x̄_j, |G| = 1, that keep the volume."""
     offset = rest - rest.mean(axis=0)
@@ -118,9 +123,7 @@ class _Turn:
             slope = slope + cell.volume * by_turn.T @ stress(cell.law, F).ravel()
             change = by_turn @ columns
             twist = twist + cell.volume * change.T @ projected_hessian(cell.law, F)[0] @ change
-        moments = D.T @ slope.reshape(3, 3)
-        twist = twist + 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
-        return total, columns.T @ slope, twist
+        return total, columns.T @ slope, twist + stress_twist(D.T @ slope.reshape(3, 3))
 
     def descend(self, D: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         """Return the least W [J] that Newton's method finds from D, and where it is."""
@@ -204,7 +207,8 @@ class CorotationalRegion:
         _, slope, curvature = self._energy(z)
         stack = cross_stack(z)
         moment = stack.T @ curvature @ u.ravel() + np.cross(u, slope.reshape(-1, 3)).sum(axis=0)
-        return np.linalg.pinv(self._twist(z, slope, curvature), rcond=SINGULAR, hermitian=True) @ moment
+        twist = stack.T @ curvature @ stack + stress_twist(z.T @ slope.reshape(-1, 3))
+        return np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True) @ moment
 
     def energy(self, x: NDArray[np.float64]) -> float:
         """Return W [J]."""
@@ -220,17 +224,16 @@ class CorotationalRegion:
         twist = stack.T @ product
         inverse = np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True)
         slope = slope - product @ inverse @ (stack.T @ slope)  # what the search left of a torque
-        curvatures = self._twist(z, slope, curvature)
-        sure = min(np.linalg.eigvalsh(SURE_TURN * a - b)[0] for a, b in ((curvatures, twist), (twist, curvatures))) > 0
+        turning = twist + stress_twist(z.T @ slope.reshape(-1, 3))
+        sure = min(np.linalg.eigvalsh(SURE_TURN * a - b)[0] for a, b in ((turning, twist), (twist, turning))) > 0
         if sure and self.solid and not self.cells:
-            follow = np.linalg.solve(curvatures, (product - cross_stack(slope.reshape(-1, 3))).T)
+            follow = np.linalg.solve(turning, (product - cross_stack(slope.reshape(-1, 3))).T)
         else:
             follow = inverse @ product.T
         turn = np.kron(np.eye(len(x)), rotation)
         apart = (np.eye(x.size) - stack @ follow) @ turn.T
-        return -(turn @ slope).reshape(-1, 3), (
-            1.0 if sure or not self.solid else UNSURE_STEP
-        ) * apart.T @ curvature @ apart
+        firmer = 1.0 if sure or not self.solid else UNSURE_STEP
+        return -(turn @ slope).reshape(-1, 3), firmer * apart.T @ curvature @ apart
 
     def _energy(
         self, z: NDArray[np.float64], projected: bool = False
@@ -246,14 +249,6 @@ class CorotationalRegion:
             H = (projected_hessian if projected else hessian)(cell.law, F)[0]
             curvature += cell.volume * cell.slope.T @ H @ cell.slope
         return total, slope, curvature
-
-    def _twist(
-        self, z: NDArray[np.float64], slope: NDArray[np.float64], curvature: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Zᵀ H Z + T (3, 3): the curvature of W in how R turns."""
-        stack = cross_stack(z)
-        moments = z.T @ slope.reshape(-1, 3)
-        return stack.T @ curvature @ stack + 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
 
     def _turn(self, z: NDArray[np.float64]) -> _Turn:
         """W as a function of how z (m, 3) turns."""

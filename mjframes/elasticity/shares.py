@@ -7,8 +7,9 @@ selection.py) only the rows R = [Y, C] of the frame's own points are kept, which
     R(s) = s_M R + Σ_{m<M} (s_m − s_M) R_m
     K(s) = R(s)ᵀ C(s)⁻¹ R(s) + s̄ Q,   Q = K − Rᵀ C⁻¹ R,   s̄ = tr C(s) / tr C
 
-That is right to first order, and positive semi-definite for all s > 0, as C(s) and Q are. Q is 0 but for what holds
-null modes. A region that is a sum over voxels has all its points as its own, and K(s) = R(s) exactly.
+That is right to first order but for Q, and positive semi-definite for all s > 0, as C(s) and Q are. Q is what the
+energy of a pair of frames (whole_body/selection.py) has for the parent alone, and what holds null modes. A region that
+is a sum over voxels has all its points as its own, and K(s) = R(s) exactly.
 Index letters: m material, M the last; o a region's own control points, the last ones. The plugin computes the same
 (plugin/shares.cc).
 """
@@ -53,7 +54,7 @@ def scaled(matrix: Array, shares: Array, factors: Array) -> Array:
     rows = last * matrix[n:] + np.tensordot(factors[:-1] - last, shares, 1)
     found = np.empty_like(matrix)
     found[n:], found[:n, n:] = rows, rows[:, :n].T
-    mean = float(_parts(rows[None, :, n:])[0] / max(_parts(matrix[None, n:, n:])[0], TINY))
+    mean = np.trace(rows[:, n:]) / max(np.trace(matrix[n:, n:]), TINY)
     found[:n, :n] = mean * (matrix[:n, :n] - _carried(matrix[n:])) + _carried(rows)
     return found
 
@@ -68,15 +69,10 @@ def by_material(matrix: Array, shares: Array) -> Array:
     found[:, n:], found[:, :n, n:] = rows, rows[:, :, :n].transpose(0, 2, 1)
     crossed = rows[:, :, :n].transpose(0, 2, 1) @ follow
     found[:, :n, :n] = crossed + crossed.transpose(0, 2, 1) - follow.T @ rows[:, :, n:] @ follow
-    part = _parts(rows[:, :, n:])
+    part = np.trace(rows[:, :, n:], axis1=1, axis2=2)
     rest = matrix[:n, :n] - found[:, :n, :n].sum(axis=0)
     found[:, :n, :n] += (part / max(part.sum(), TINY))[:, None, None] * rest
     return found
-
-
-def _parts(blocks: Array) -> Array:
-    """tr C (M,) of blocks C (M, o, o)."""
-    return np.trace(blocks, axis1=1, axis2=2)
 
 
 def _carried(rows: Array) -> Array:

@@ -371,8 +371,8 @@ class Soft:
     def energy_densities(self, points: ArrayLike) -> np.ndarray:
         """Return the strain energy per volume at rest (n,) at material points [J/m³].
 
-        `elastic_energy` has more where a body is folded far: what its regions hold against turning and against frames
-        that oppose them (κ and φ of `mjframes.elasticity.corotational`), which is of no point of the material.
+        `elastic_energy` has more where a body is folded far: what its regions hold against turning
+        (κ of `mjframes.elasticity.corotational`), which is of no point of the material.
         """
         some = self._at(points)
         return self._factors[some.factor] * some.response(self._elastic[1], self._local)[1]

@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 
 PAIRED = 0.5  # [-] of the energy; at ¼ some bodies stay crumpled, at 1 a strip bent by its weight is a fifth too stiff
 ROUNDING = 1e-10  # [-] eigenvalue of a part of K, to the diagonal of K, that counts as zero
+ON_A_LINE = 1e-9  # [-] singular value of rigid motions, to the largest, of those that points on a line do not show
 LOOSE = 1e-11  # [-] eigenvalue of a scaled stiffness that counts as zero; rounding leaves about 1e-15
 
 
@@ -74,32 +75,33 @@ def families(coupled: Iterable[NDArray[np.integer]], frames: int) -> list[list[i
 def select(matrix: Array, control: ControlPoints, parents: Sequence[Sequence[int]], shares: Array) -> list[Part]:
     """Return the region of each frame whose parents are given, from K (3k, 3k).  shares: (p, 3k, 3k) of it."""
     points = [np.flatnonzero(np.isin(control.frame, [*some, i])) for i, some in enumerate(parents)]
+    cliques = _condense(np.stack([matrix, *shares]), points)
     given = [
         _part(some, S, control.rest[some], int(np.count_nonzero(control.frame[some] == i)))
-        for i, (some, S) in enumerate(zip(points, _condense(np.stack([matrix, *shares]), points), strict=True))
+        for i, (some, S) in enumerate(zip(points, cliques, strict=True))
     ]
-    total = np.zeros((1 + len(shares), *matrix.shape))  # by material
+    rest = np.zeros((1 + len(shares), *matrix.shape))  # by material
     for part in given:
         every = degrees(part.points)
-        total[:, every[:, None], every] += by_material(part.matrix, part.shares)
-    whole, rest, pairs = np.stack([total.sum(axis=0), *total[:-1]]), total.copy(), []
-    for part in given:
-        pair = _pair(part, control)
-        S = PAIRED / len(given) * _schur(whole, degrees(pair))
-        every = degrees(pair)
+        rest[:, every[:, None], every] += by_material(part.matrix, part.shares)
+    scale, pairs = np.diagonal(rest.sum(axis=0)).copy(), []
+    for part, clique in zip(given, cliques, strict=True):
+        pair = degrees(_pair(part, control))
+        S = PAIRED / len(given) * _schur(clique, pair)
+        every = degrees(part.points)[pair]
         rest[:, every[:, None], every] -= np.stack([*S[1:], S[0] - S[1:].sum(axis=0)])
-        pairs.append((degrees(np.searchsorted(part.points, pair)), S))
-    parts = zip(given, split(rest, np.diagonal(whole[0]), control, points), pairs, strict=True)
+        pairs.append((pair, S))
+    parts = zip(given, split(rest, scale, control, points), pairs, strict=True)
     return [_with_pair(part, control, *remainder, *pair) for part, remainder, pair in parts]
 
 
 def _pair(part: Part, control: ControlPoints) -> NDArray[np.int64]:
-    """The control points of a frame and of the parent that it is coupled to most."""
+    """The places among a region's points of those of its frame and of the parent that this is coupled to most."""
     frame = control.frame[part.points]
     own = frame == frame[-1]
     coupling = np.abs(part.matrix).reshape(len(frame), 3, len(frame), 3).sum(axis=(1, 3))[own].sum(axis=0)
     of_frame = np.bincount(frame, np.where(own, 0, coupling))
-    return part.points[own | (frame == (np.argmax(of_frame) if not own.all() else -1))]
+    return np.flatnonzero(own | (frame == (np.argmax(of_frame) if not own.all() else -1)))
 
 
 def _with_pair(
@@ -111,8 +113,7 @@ def _with_pair(
     of_pair = np.zeros((len(shares), *matrix.shape))
     of_pair[:, at[:, None], at] = S[1:]
     rest = control.rest[part.points]
-    rigid = rigid_motions(rest, rest.mean(axis=0), size_of(rest))
-    blind = np.eye(len(matrix)) - rigid @ np.linalg.pinv(rigid, rcond=1e-9)  # but for rounding it is
+    blind = _blind(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))  # but for rounding the matrix is
     matrix = blind @ matrix @ blind
     return Part(part.points, (matrix + matrix.T) / 2, (shares + of_pair[:, len(matrix) - own :]) @ blind)
 
@@ -165,15 +166,20 @@ def _part(points: NDArray[np.int64], condensed: Array, rest: Array, own: int) ->
     follow = -_solve(block, condensed[0, n:, :n])
     shares = condensed[1:, n:].copy()
     if n:
-        carried = np.linalg.pinv(motion[:n], rcond=1e-9)
+        carried = np.linalg.pinv(motion[:n], rcond=ON_A_LINE)
         follow += (motion[n:] - follow @ motion[:n]) @ carried
         relative = np.hstack([-follow, np.eye(3 * own)])
         shares[:, :, :n] -= shares @ motion @ carried
     else:
-        relative = np.eye(3 * own) - motion @ np.linalg.pinv(motion, rcond=1e-9)
+        relative = _blind(motion)
         shares = relative.T @ shares @ relative
     added = relative.T @ block @ relative
     return Part(points, (added + added.T) / 2, shares)
+
+
+def _blind(motion: Array) -> Array:
+    """The projection (3m, 3m) that takes out motions (3m, 6), which may depend on each other."""
+    return np.eye(len(motion)) - motion @ np.linalg.pinv(motion, rcond=ON_A_LINE)
 
 
 def split(
