@@ -52,6 +52,7 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
     batch.inverse_size[lane] = 1.0 / region.size();
     batch.enlargement[lane] = region.enlargement;
     batch.solid[lane] = region.solid;
+    batch.celled[lane] = !region.cells.empty();
     for (int j = 0, block = 0; j < region.size(); j++) {
       batch.point[kWideLanes * j + lane] = region.point[j];
       batch.present[kWideLanes * j + lane] = 1;

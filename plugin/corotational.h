@@ -85,8 +85,9 @@ struct RegionBatch {
   // m, of the largest of each four lanes
   int sizes[kWideLanes / kLanes] = {};
   double inverse_size[kWideLanes], enlargement[kWideLanes];
-  double solid[kWideLanes];  // 1 or 0, as in Region
-  Moduli moduli;             // as built
+  double solid[kWideLanes];   // 1 or 0, as in Region
+  double celled[kWideLanes];  // 1 or 0: whether the region has cells
+  Moduli moduli;              // as built
 };
 
 // All regions, largest first; neighbours next to each other.

@@ -422,7 +422,7 @@ MJFRAMES_INLINE V Follow(const Half<V>& half, const V* twist, const V* inverse, 
   const auto sure = EigenvaluesExceed(above, V{}) && EigenvaluesExceed(below, V{});
   const V determinant = Adjugate(C, adjugate);
   const auto shown = Load<V>(half.batch.solid + half.first) > 0.0;
-  const auto known = sure && shown && Fill<V>(half.batch.cells) < 0.5;
+  const auto known = sure && shown && Load<V>(half.batch.celled + half.first) < 0.5;
   const V factor = 1.0 / determinant, turned = known ? Fill<V>(1) : V{};
   for (int e = 0; e < 9; e++) turns[e] = known ? adjugate[e] * factor : inverse[e];
   for (int j = 0; j < half.size; j++) {
