@@ -26,8 +26,6 @@ from mjframes.scene.view import soft
 
 BY_NAME = {kind.name: kind for kind in KINDS}
 COROTATIONAL = BY_NAME["corotational"]
-# the force leaves out how θ changes: at 2 ms bodies of 1 Pa turned inside out gain from 1.0 to 3.0, as rounding falls
-SOFTEST = 4  # [-] bound of their gain
 HYPERELASTIC = [
     kind for kind in KINDS if kind.name in ("green-lagrange", "neo-hookean", "mooney-rivlin", "arruda-boyce")
 ]
@@ -43,7 +41,7 @@ def outcomes(kinds: Sequence[str], young: Sequence[float], steps: Sequence[float
 def test_from_any_shape_a_corotational_body_returns_without_a_gain(kind: str, young: float) -> None:
     for some in outcomes([kind], [young], [2e-3, 1 / 30], FREE):
         assert some.recovers, some
-        assert some.gain < (1.001 if young > 1 else 1.02 if kind == "the paper's method" else SOFTEST), some
+        assert some.gain < 1.001, some
 
 
 @pytest.mark.parametrize("kind", HYPERELASTIC, ids=lambda kind: kind.name)
@@ -56,9 +54,10 @@ def test_stiff_hyperelastic_bodies_do_not_overshoot(kind: Kind) -> None:
 
 def test_a_stiffness_of_one_to_a_billion_in_one_body() -> None:
     for some in outcomes(["stiffness 1 : 10⁹"], [1.0, 1e3], [2e-3, 1 / 30], FREE):
-        # scrambled at 1 Pa it keeps another shape, however long it runs
-        assert some.recovers or (some.survives and some.case.young == 1 and some.case.disturbance == "scrambled"), some
-        assert some.gain < (1.001 if some.case.young > 1 else SOFTEST), some
+        assert some.survives, some
+        assert some.gain < 1.001, some
+        # from the other starts the rigid half may end on the far side of the soft one, and stays there
+        assert some.recovers or some.case.disturbance != "flattened", some
 
 
 def test_point_frames_on_a_line_return_from_any_shape() -> None:
