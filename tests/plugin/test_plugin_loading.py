@@ -144,7 +144,10 @@ def test_a_damaged_library_is_compiled_again(sources: Path, damage: str) -> None
     damaged = library.stat().st_ino, library.read_bytes()
     assert plugin.library_path() == library
     assert (library.stat().st_ino, library.read_bytes()) != damaged
-    loaded = run_python(f"import mujoco; mujoco.mj_loadPluginLibrary({str(library)!r}); {IS_REGISTERED.strip()}")
+    loaded = run_python(  # MuJoCo 4 loads the chosen one on import
+        f"import os; os.environ[{plugin.LIBRARY_VARIABLE!r}] = {str(library)!r}; import mujoco\n"
+        f"mujoco.mj_loadPluginLibrary({str(library)!r}){IS_REGISTERED}"
+    )
     assert (loaded.returncode, loaded.stderr) == (0, "")
 
 
