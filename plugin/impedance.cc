@@ -2,6 +2,9 @@
 
 #include <algorithm>
 
+#include "constants.h"
+#include "patch_field.h"
+
 namespace mjframes {
 namespace {
 
@@ -9,12 +12,11 @@ bool IsPyramid(const mjModel* m, const mjContact& contact) {
   return contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
 }
 
-// What MuJoCo took for the inverse inertia along the contact's normal.
+// What MuJoCo took for the inverse inertia of a geom.
+double AssumedInverse(const mjModel* m, int geom) { return m->body_invweight0[2 * m->geom_bodyid[geom]]; }
+
+// The same along the contact's normal, where it was J M⁻¹ Jᵀ.
 double AssumedInverse(const mjModel* m, const mjData* d, const mjContact& contact) {
-  if (!(m->opt.enableflags & mjENBL_DIAGEXACT) && contact.geom[0] >= 0 && contact.geom[1] >= 0) {
-    const int body1 = m->geom_bodyid[contact.geom[0]], body2 = m->geom_bodyid[contact.geom[1]];
-    return m->body_invweight0[2 * body1] + m->body_invweight0[2 * body2];
-  }
   const double first = d->efc_diagA[contact.efc_address], slope = contact.friction[0];
   return IsPyramid(m, contact) ? first / (2 * contact.mu * contact.mu * (1 + slope * slope)) : first;
 }
@@ -24,6 +26,13 @@ double RowLength(const mjModel* m, const mjData* d, int i) {
   if (RowsTogether(m, d, i) == 1 || m->eq_type[d->efc_id[i]] != mjEQ_WELD) return 1;
   const bool turns = i >= 3 && d->efc_id[i - 3] == d->efc_id[i];
   return turns ? m->eq_data[mjNEQDATA * d->efc_id[i] + 10] : 1;  // torquescale
+}
+
+// By what R of a slippery pyramid is larger than MuJoCo's.
+double Slipperiness(const mjModel* m, const mjContact& contact) {
+  const double square = contact.friction[0] * contact.friction[0];
+  constexpr double least = kSlippery * kSlippery;
+  return IsPyramid(m, contact) && square < least ? least * (1 + least) / (square * (1 + square)) : 1;
 }
 
 void SetResistance(mjData* d, int i, double inverse_inertia) {
@@ -53,6 +62,23 @@ int RowsTogether(const mjModel* m, const mjData* d, int i) {
   if (d->efc_type[i] != mjCNSTR_EQUALITY || (m->opt.enableflags & mjENBL_DIAGEXACT)) return 1;
   const int type = m->eq_type[d->efc_id[i]];
   return type == mjEQ_CONNECT || type == mjEQ_WELD ? 3 : 1;
+}
+
+bool GoesByMass(const mjModel* m, const mjContact& contact) {
+  return !(m->opt.enableflags & mjENBL_DIAGEXACT) && contact.geom[0] >= 0 && contact.geom[1] >= 0;
+}
+
+void SetContactResistances(const mjModel* m, mjData* d, int row, const std::vector<double>& inverse_mass) {
+  const mjContact& contact = d->contact[d->efc_id[row]];
+  double assumed = 0, actual = 0;
+  for (int geom : contact.geom) {
+    const int instance = SoftInstanceOf(m, geom);
+    assumed += AssumedInverse(m, geom);
+    actual += instance >= 0 ? inverse_mass[instance] : AssumedInverse(m, geom);
+  }
+  if (!(assumed > mjMINVAL)) return;
+  const double ratio = actual / assumed * Slipperiness(m, contact);
+  for (int i = row; i < row + RowCount(m, contact); i++) SetResistance(d, i, ratio * d->efc_diagA[i]);
 }
 
 void SetResistances(const mjModel* m, mjData* d, const RowGroup& group) {

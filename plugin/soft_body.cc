@@ -110,6 +110,13 @@ void SoftBody::StoreInertia(const mjModel* m, mjData* d, bool consistent) {
                            m, d);
 }
 
+double SoftBody::Mass() const {
+  double total = 0;
+  for (size_t i = 0; i < mass_.size(); i++)
+    total += (kinematics_.pairs()[i].j == kinematics_.pairs()[i].k ? 1 : 2) * mass_[i];
+  return total;
+}
+
 double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {
   std::vector<Vec3>& velocity = moved_;  // in the world; AddDamping does not need what it has left there
   for (size_t j = 0; j < velocity.size(); j++) velocity[j] = kinematics_.WorldVelocity(m, d, static_cast<int>(j));

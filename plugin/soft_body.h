@@ -39,6 +39,7 @@ class SoftBody {
   const std::vector<Mat3>& RegionRotations() { return RegionRotationsAt(kinematics_.x().data()); }
   const std::vector<Mat3>& RegionRotationsAt(const Vec3* x) { return elasticity_.Rotations(x); }
   double KineticEnergy(const mjModel* m, const mjData* d);
+  double Mass() const;  // [kg]
 
   int instance() const { return instance_; }
   const SoftModel& model() const { return *model_; }

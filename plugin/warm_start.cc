@@ -478,7 +478,7 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
     : inertia_(m, std::move(marked)), dof_(m->nv), y_(kLanes * m->nv) {}
 
-void ConstraintRows::Finish(const mjModel* m, mjData* d) {
+void ConstraintRows::Finish(const mjModel* m, mjData* d, const std::vector<double>& inverse_mass) {
   if (d->nefc == 0) return;
   inertia_.Start(m, d);
   MarkStack(d);
@@ -490,7 +490,11 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d) {
     together = RowsTogether(m, d, first);
     for (int row = first; row < first + together; row += kLanes) {
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
-      const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
+      bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
+      if (sets && IsContact(d, row) && GoesByMass(m, d->contact[d->efc_id[row]])) {
+        SetContactResistances(m, d, row, inverse_mass);
+        sets = false;
+      }
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
       const bool keeps = starts && IsTaken(m, d, row);
       if (!keeps && !sets) continue;

@@ -29,7 +29,8 @@ class ConstraintRows {
 
   // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and writes
   // d->qacc_warmstart.
-  void Finish(const mjModel* m, mjData* d);
+  // inverse_mass: of the soft body of each plugin instance [1/kg].
+  void Finish(const mjModel* m, mjData* d, const std::vector<double>& inverse_mass);
 
  private:
   RowInertia inertia_;
