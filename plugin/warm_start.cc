@@ -490,11 +490,10 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d, const std::vector<doubl
     together = RowsTogether(m, d, first);
     for (int row = first; row < first + together; row += kLanes) {
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
-      bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
-      if (sets && IsContact(d, row) && GoesByMass(m, d->contact[d->efc_id[row]])) {
-        SetContactResistances(m, d, row, inverse_mass);
-        sets = false;
-      }
+      const bool touches = row == first && TouchesSoft(m, d, row);
+      const bool by_mass = touches && GoesByMass(m, d->contact[d->efc_id[row]]);
+      if (by_mass) SetContactResistances(m, d, row, inverse_mass);
+      const bool sets = row == first && !by_mass && (group.marked || touches);
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
       const bool keeps = starts && IsTaken(m, d, row);
       if (!keeps && !sets) continue;
