@@ -12,10 +12,7 @@ bool IsPyramid(const mjModel* m, const mjContact& contact) {
   return contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
 }
 
-// What MuJoCo took for the inverse inertia of a geom.
-double AssumedInverse(const mjModel* m, int geom) { return m->body_invweight0[2 * m->geom_bodyid[geom]]; }
-
-// The same along the contact's normal, where it was J M⁻¹ Jᵀ.
+// What MuJoCo took for the inverse inertia along the contact's normal.
 double AssumedInverse(const mjModel* m, const mjData* d, const mjContact& contact) {
   const double first = d->efc_diagA[contact.efc_address], slope = contact.friction[0];
   return IsPyramid(m, contact) ? first / (2 * contact.mu * contact.mu * (1 + slope * slope)) : first;
@@ -46,6 +43,16 @@ void SetResistance(mjData* d, int i, double inverse_inertia) {
   }
 }
 
+// Sets R of all rows of a contact, for the inverse inertia along its normal.
+void SetContact(const mjModel* m, mjData* d, int row, double inverse_inertia) {
+  const mjContact& contact = d->contact[d->efc_id[row]];
+  const double assumed = AssumedInverse(m, d, contact);
+  if (!(assumed > mjMINVAL) || !(inverse_inertia > mjMINVAL)) return;
+  for (int i = row; i < row + RowCount(m, contact); i++) {
+    SetResistance(d, i, inverse_inertia / assumed * d->efc_diagA[i]);
+  }
+}
+
 }  // namespace
 
 bool IsContact(const mjData* d, int i) { return d->efc_type[i] >= mjCNSTR_CONTACT_FRICTIONLESS; }
@@ -70,15 +77,12 @@ bool GoesByMass(const mjModel* m, const mjContact& contact) {
 
 void SetContactResistances(const mjModel* m, mjData* d, int row, const std::vector<double>& inverse_mass) {
   const mjContact& contact = d->contact[d->efc_id[row]];
-  double assumed = 0, actual = 0;
+  double sum = 0;
   for (int geom : contact.geom) {
     const int instance = SoftInstanceOf(m, geom);
-    assumed += AssumedInverse(m, geom);
-    actual += instance >= 0 ? inverse_mass[instance] : AssumedInverse(m, geom);
+    sum += instance >= 0 ? inverse_mass[instance] : m->body_invweight0[2 * m->geom_bodyid[geom]];
   }
-  if (!(assumed > mjMINVAL)) return;
-  const double ratio = actual / assumed * Slipperiness(m, contact);
-  for (int i = row; i < row + RowCount(m, contact); i++) SetResistance(d, i, ratio * d->efc_diagA[i]);
+  SetContact(m, d, row, Slipperiness(m, contact) * sum);
 }
 
 void SetResistances(const mjModel* m, mjData* d, const RowGroup& group) {
@@ -86,13 +90,9 @@ void SetResistances(const mjModel* m, mjData* d, const RowGroup& group) {
   Lanes product[kLanes];
   MultiplyGroups(m, group, group, product);
   if (IsContact(d, first)) {
-    const mjContact& contact = d->contact[d->efc_id[first]];
-    const double assumed = AssumedInverse(m, d, contact);
     // the normal is the mean of a pyramid's first two edges, or the first row
-    const double actual =
-        IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
-    if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
-    for (int i = first; i < first + count; i++) SetResistance(d, i, actual / assumed * d->efc_diagA[i]);
+    const bool pyramid = IsPyramid(m, d->contact[d->efc_id[first]]);
+    SetContact(m, d, first, pyramid ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0]);
     return;
   }
   double sum = 0;

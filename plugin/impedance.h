@@ -3,7 +3,8 @@
 // R is (1 − imp)/imp times an inverse inertia. MuJoCo took that of bodies without elasticity before the plugin added to
 // d->M: soft bodies would hang and stand as deep as their single points of mass. Contacts take 1/m of the whole soft
 // body here, as MuJoCo does for rigid ones: how deep it stands does not depend on the step, nor on where it is touched.
-// Other rows, and contacts where diagexact asks for it, take what they see, J A⁻¹ Jᵀ.
+// Other rows, contacts of rigid geoms on a soft body's frames, and all where diagexact asks for it, take what they see,
+// J A⁻¹ Jᵀ.
 //
 // The four rows of a pyramid have R ∝ μ² (1 + μ²). Where it is slippery they would be all but rigid, all but the same,
 // and would throw things up: there R is that of friction kSlippery. On slopes of about that friction they creep more.

@@ -32,7 +32,9 @@ SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftMod
       mass_scale_(force_.size(), 1.0),
       mass_(model_->mass),
       mass_difference_(model_->mass_difference),
-      added_mass_(mass_.size()) {}
+      added_mass_(mass_.size()) {
+  SumMass();
+}
 
 // Masses may be changed in the model at any time. √(s_j s_k) M_jk stays positive definite, and right where s is common.
 void SoftBody::ScaleMass(const mjModel* m) {
@@ -58,6 +60,15 @@ void SoftBody::ScaleMass(const mjModel* m) {
     const double scale = mass_scale_[pair.j] * mass_scale_[pair.k];
     mass_[i] = scale * model_->mass[i];
     mass_difference_[i] = scale * model_->mass_difference[i];
+  }
+  SumMass();
+}
+
+void SoftBody::SumMass() {
+  total_mass_ = 0;
+  for (size_t i = 0; i < mass_.size(); i++) {
+    const PointPair& pair = kinematics_.pairs()[i];
+    total_mass_ += (pair.j == pair.k ? 1 : 2) * mass_[i];
   }
 }
 
@@ -108,13 +119,6 @@ void SoftBody::StoreInertia(const mjModel* m, mjData* d, bool consistent) {
   }
   kinematics_.StoreInertia(elasticity_.StiffnessForInertia(), model_->implicit ? h * (h + beta) : 0, added_mass_.data(),
                            m, d);
-}
-
-double SoftBody::Mass() const {
-  double total = 0;
-  for (size_t i = 0; i < mass_.size(); i++)
-    total += (kinematics_.pairs()[i].j == kinematics_.pairs()[i].k ? 1 : 2) * mass_[i];
-  return total;
 }
 
 double SoftBody::KineticEnergy(const mjModel* m, const mjData* d) {

@@ -101,7 +101,7 @@ void World::Step(const mjModel* m, mjData* d) {
 
   // rows: of each contact tᵀ Σ_j ω_j J_j, then the impedance of all for the inertia as it is now, and their forces
   WriteContactRows(m, d, &contact_rows_);
-  for (const std::unique_ptr<SoftBody>& body : bodies_) inverse_mass_[body->instance()] = 1 / body->Mass();
+  for (const std::unique_ptr<SoftBody>& body : bodies_) inverse_mass_[body->instance()] = 1 / body->mass();
   rows_.Finish(m, d, inverse_mass_);
 }
 
