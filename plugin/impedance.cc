@@ -2,9 +2,6 @@
 
 #include <algorithm>
 
-#include "constants.h"
-#include "patch_field.h"
-
 namespace mjframes {
 namespace {
 
@@ -14,6 +11,10 @@ bool IsPyramid(const mjModel* m, const mjContact& contact) {
 
 // What MuJoCo took for the inverse inertia along the contact's normal.
 double AssumedInverse(const mjModel* m, const mjData* d, const mjContact& contact) {
+  if (!(m->opt.enableflags & mjENBL_DIAGEXACT) && contact.geom[0] >= 0 && contact.geom[1] >= 0) {
+    const int body1 = m->geom_bodyid[contact.geom[0]], body2 = m->geom_bodyid[contact.geom[1]];
+    return m->body_invweight0[2 * body1] + m->body_invweight0[2 * body2];
+  }
   const double first = d->efc_diagA[contact.efc_address], slope = contact.friction[0];
   return IsPyramid(m, contact) ? first / (2 * contact.mu * contact.mu * (1 + slope * slope)) : first;
 }
@@ -25,13 +26,6 @@ double RowLength(const mjModel* m, const mjData* d, int i) {
   return turns ? m->eq_data[mjNEQDATA * d->efc_id[i] + 10] : 1;  // torquescale
 }
 
-// By what R of a slippery pyramid is larger than MuJoCo's.
-double Slipperiness(const mjModel* m, const mjContact& contact) {
-  const double square = contact.friction[0] * contact.friction[0];
-  constexpr double least = kSlippery * kSlippery;
-  return IsPyramid(m, contact) && square < least ? least * (1 + least) / (square * (1 + square)) : 1;
-}
-
 void SetResistance(mjData* d, int i, double inverse_inertia) {
   const double impedance = d->efc_KBIP[4 * i + 2];
   const double R = std::max(mjMINVAL, inverse_inertia * (1 - impedance) / impedance);
@@ -40,16 +34,6 @@ void SetResistance(mjData* d, int i, double inverse_inertia) {
   if (d->nisland > 0) {
     d->iefc_R[d->map_efc2iefc[i]] = R;
     d->iefc_D[d->map_efc2iefc[i]] = 1 / R;
-  }
-}
-
-// Sets R of all rows of a contact, for the inverse inertia along its normal.
-void SetContact(const mjModel* m, mjData* d, int row, double inverse_inertia) {
-  const mjContact& contact = d->contact[d->efc_id[row]];
-  const double assumed = AssumedInverse(m, d, contact);
-  if (!(assumed > mjMINVAL) || !(inverse_inertia > mjMINVAL)) return;
-  for (int i = row; i < row + RowCount(m, contact); i++) {
-    SetResistance(d, i, inverse_inertia / assumed * d->efc_diagA[i]);
   }
 }
 
@@ -71,28 +55,18 @@ int RowsTogether(const mjModel* m, const mjData* d, int i) {
   return type == mjEQ_CONNECT || type == mjEQ_WELD ? 3 : 1;
 }
 
-bool GoesByMass(const mjModel* m, const mjContact& contact) {
-  return !(m->opt.enableflags & mjENBL_DIAGEXACT) && contact.geom[0] >= 0 && contact.geom[1] >= 0;
-}
-
-void SetContactResistances(const mjModel* m, mjData* d, int row, const std::vector<double>& inverse_mass) {
-  const mjContact& contact = d->contact[d->efc_id[row]];
-  double sum = 0;
-  for (int geom : contact.geom) {
-    const int instance = SoftInstanceOf(m, geom);
-    sum += instance >= 0 ? inverse_mass[instance] : m->body_invweight0[2 * m->geom_bodyid[geom]];
-  }
-  SetContact(m, d, row, Slipperiness(m, contact) * sum);
-}
-
 void SetResistances(const mjModel* m, mjData* d, const RowGroup& group) {
   const int first = group.row, count = RowsTogether(m, d, first);
   Lanes product[kLanes];
   MultiplyGroups(m, group, group, product);
   if (IsContact(d, first)) {
+    const mjContact& contact = d->contact[d->efc_id[first]];
+    const double assumed = AssumedInverse(m, d, contact);
     // the normal is the mean of a pyramid's first two edges, or the first row
-    const bool pyramid = IsPyramid(m, d->contact[d->efc_id[first]]);
-    SetContact(m, d, first, pyramid ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0]);
+    const double actual =
+        IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
+    if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
+    for (int i = first; i < first + count; i++) SetResistance(d, i, actual / assumed * d->efc_diagA[i]);
     return;
   }
   double sum = 0;

@@ -32,9 +32,7 @@ SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftMod
       mass_scale_(force_.size(), 1.0),
       mass_(model_->mass),
       mass_difference_(model_->mass_difference),
-      added_mass_(mass_.size()) {
-  SumMass();
-}
+      added_mass_(mass_.size()) {}
 
 // Masses may be changed in the model at any time. √(s_j s_k) M_jk stays positive definite, and right where s is common.
 void SoftBody::ScaleMass(const mjModel* m) {
@@ -60,15 +58,6 @@ void SoftBody::ScaleMass(const mjModel* m) {
     const double scale = mass_scale_[pair.j] * mass_scale_[pair.k];
     mass_[i] = scale * model_->mass[i];
     mass_difference_[i] = scale * model_->mass_difference[i];
-  }
-  SumMass();
-}
-
-void SoftBody::SumMass() {
-  total_mass_ = 0;
-  for (size_t i = 0; i < mass_.size(); i++) {
-    const PointPair& pair = kinematics_.pairs()[i];
-    total_mass_ += (pair.j == pair.k ? 1 : 2) * mass_[i];
   }
 }
 

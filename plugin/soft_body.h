@@ -41,7 +41,6 @@ class SoftBody {
   double KineticEnergy(const mjModel* m, const mjData* d);
 
   int instance() const { return instance_; }
-  double mass() const { return total_mass_; }  // after Locate [kg]
   const SoftModel& model() const { return *model_; }
   const Scaling& scaling() const { return scaling_reader_.latest(); }
   const Elasticity& elasticity() const { return elasticity_; }
@@ -52,7 +51,6 @@ class SoftBody {
   SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model, const ScalingReader& scaling);
 
   void ScaleMass(const mjModel* m);
-  void SumMass();
   void SubtractMass(const std::vector<double>& mass, double scale, const Vec3* u);
 
   int instance_;  // of the plugin
@@ -68,7 +66,6 @@ class SoftBody {
   bool told_mass_ = false;                      // that a mass is not positive
   std::vector<double> mass_scale_;              // of each point, √ of its body's mass to the one it was built with [-]
   std::vector<double> mass_, mass_difference_;  // those of the model, with the masses of today [kg]
-  double total_mass_;                           // Σ_jk M_jk [kg]
   std::vector<double> added_mass_;              // of each pair: h α m + mass difference
 };
 

@@ -478,7 +478,7 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
     : inertia_(m, std::move(marked)), dof_(m->nv), y_(kLanes * m->nv) {}
 
-void ConstraintRows::Finish(const mjModel* m, mjData* d, const std::vector<double>& inverse_mass) {
+void ConstraintRows::Finish(const mjModel* m, mjData* d) {
   if (d->nefc == 0) return;
   inertia_.Start(m, d);
   MarkStack(d);
@@ -490,10 +490,7 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d, const std::vector<doubl
     together = RowsTogether(m, d, first);
     for (int row = first; row < first + together; row += kLanes) {
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
-      const bool touches = row == first && TouchesSoft(m, d, row);
-      const bool by_mass = touches && GoesByMass(m, d->contact[d->efc_id[row]]);
-      if (by_mass) SetContactResistances(m, d, row, inverse_mass);
-      const bool sets = row == first && !by_mass && (group.marked || touches);
+      const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
       const bool keeps = starts && IsTaken(m, d, row);
       if (!keeps && !sets) continue;

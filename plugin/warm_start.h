@@ -29,8 +29,7 @@ class ConstraintRows {
 
   // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and writes
   // d->qacc_warmstart.
-  // inverse_mass: of the soft body of each plugin instance [1/kg].
-  void Finish(const mjModel* m, mjData* d, const std::vector<double>& inverse_mass);
+  void Finish(const mjModel* m, mjData* d);
 
  private:
   RowInertia inertia_;

@@ -35,8 +35,7 @@ World::World(const mjModel* m, std::vector<std::unique_ptr<SoftBody>> bodies)
       of_instance_(m->nplugin),
       factor_(m, ChangedTrees(m)),
       contact_rows_(m),
-      rows_(m, ChangedDofs(m)),
-      inverse_mass_(m->nplugin) {
+      rows_(m, ChangedDofs(m)) {
   for (const std::unique_ptr<SoftBody>& body : bodies_) {
     const SoftModel& model = body->model();
     of_instance_[body->instance()] = body.get();
@@ -101,8 +100,7 @@ void World::Step(const mjModel* m, mjData* d) {
 
   // rows: of each contact tᵀ Σ_j ω_j J_j, then the impedance of all for the inertia as it is now, and their forces
   WriteContactRows(m, d, &contact_rows_);
-  for (const std::unique_ptr<SoftBody>& body : bodies_) inverse_mass_[body->instance()] = 1 / body->mass();
-  rows_.Finish(m, d, inverse_mass_);
+  rows_.Finish(m, d);
 }
 
 void World::CheckOptions(const mjModel* m) {

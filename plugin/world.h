@@ -59,7 +59,6 @@ class World {
   InertiaFactor factor_;
   ContactScratch contact_rows_;
   ConstraintRows rows_;
-  std::vector<double> inverse_mass_;                            // by plugin instance [1/kg]
   bool told_ = false, told_few_ = false, told_number_ = false;  // what CheckOptions has to say
 };
 

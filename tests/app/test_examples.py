@@ -104,8 +104,8 @@ def test_two_moduli_are_identified_from_pokes(tmp_path: Path) -> None:
         pytest.skip("mujoco.sysid needs its extra")
     found, coarse, fine = identify.run(tmp_path).values()
     assert (tmp_path / "identify.png").stat().st_size > 20_000
-    assert 0.4 < coarse.error.max() < 0.5  # from the record of a finer post: what is resolved too coarsely is wrong
-    assert fine.error.max() < 0.25
+    assert 0.25 < coarse.error.max() < 0.5  # from the record of a finer post: what is resolved too coarsely is wrong
+    assert fine.error.max() < 0.06
     np.testing.assert_allclose(found.young[0] / identify.TRUE, [3, 1 / 3])
     assert (found.error < 0.01).all()
     assert np.ptp(found.recorded, axis=0).min() > 0.005  # [m]: pokes that are felt

@@ -67,7 +67,7 @@ def test_a_fall_is_stable_however_stiff(young: float, timestep: float, fall: str
         if young >= 1e8:
             assert _stretch(view) < 0.02
     assert np.isfinite(data.qpos).all()
-    assert _visible_energy(view) < 0.4 * start
+    assert _visible_energy(view) < 0.35 * start
     assert not any(warning.number for warning in data.warning)
 
 
@@ -90,7 +90,7 @@ def steak_volume() -> Volume:
 
 def test_a_steak_lies_still() -> None:
     model, data = compiled(FLOOR, (build(steak_volume(), 3), (0, 0, 0.03), (1, 0, 0, 0)))
-    for _ in range(5000):  # [2 ms] falls and settles
+    for _ in range(2500):  # [2 ms] falls and settles
         mujoco.mj_step(model, data)
     weight = -model.opt.gravity[2] * model.body_mass.sum()
     for _ in range(50):

@@ -242,13 +242,12 @@ def test_contact_refuses_what_mujoco_would_not_take(wrong: dict[str, object]) ->
         Contact(**wrong)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize(("height", "less"), [(0.30, 0.6), (0.0, 0.7)], ids=["falling", "at rest"])
-def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco(height: float, less: float) -> None:
-    """A heavy block on a light one."""
-    light, heavy = block((12, 12, 5), 0.01, 800, 0.005), block((6, 6, 6), 0.01, 3000, 0.005)
+def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco() -> None:
+    """A heavy block that falls 30 cm onto a light one: at most, and where it comes to rest."""
+    light, heavy = block((12, 12, 5), 0.01, 800), block((6, 6, 6), 0.01, 3000)
     deepest = {}
     for contact in (Contact(), Contact(solref=None)):
-        places = ((light, (0, 0, 0), (1, 0, 0, 0)), (heavy, (0.03, 0.03, 0.05 + height), (1, 0, 0, 0)))
+        places = ((light, (0, 0, 0), (1, 0, 0, 0)), (heavy, (0.03, 0.03, 0.35), (1, 0, 0, 0)))
         model, data = compiled(FLOOR, *places, contact=contact, timestep=0.002)
         depths = []
         for _ in range(500):
@@ -256,8 +255,10 @@ def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco
             owner = model.body_plugin[model.geom_bodyid[data.contact.geom]]
             between = data.contact.dist[(owner >= 0).all(axis=1)]
             depths.append(max(0.0, -between.min(initial=0)))
-        deepest[contact.solref] = max(depths) if height else float(np.mean(depths[-50:]))
-    assert 0 < deepest[(0.01, 1.0)] < less * deepest[None]
+        deepest[contact.solref] = max(depths), float(np.mean(depths[-50:]))
+    ours, theirs = deepest[(0.01, 1.0)], deepest[None]
+    assert ours[0] < 0.6 * theirs[0]
+    assert ours[1] < 0.7 * theirs[1]
 
 
 @pytest.mark.parametrize(

@@ -156,7 +156,7 @@ def settled_pile() -> tuple[mujoco.MjModel, np.ndarray]:
     model, data = compiled(
         PILE, (beam(), (0, 0, 0.045), (1, 0, 0, 0)), (lump(0.5, 0.001), (0.3, 0.1, -0.3), (1, 0, 0, 0))
     )
-    for _ in range(130):
+    for _ in range(150):
         mujoco.mj_step(model, data)
     data.qvel[:12] = 0  # implicit integrators add what MuJoCo knows of the rigid bodies' gyroscopic forces
     model.opt.tolerance, model.opt.iterations = 0, 1000
