@@ -39,7 +39,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     trimesh.creation.box((0.02, 0.01, 0.01)).export(tmp_path / "bone.stl")
     trimesh.creation.box((30, 30, 10)).export(tmp_path / "pad.stl")  # [mm]
     (tmp_path / "robot.xml").write_text(
-        "<mujoco><worldbody><body name='finger'><joint/><geom type='box' size='.02 .02 .01'/></body></worldbody></mujoco>"
+        "<mujoco><worldbody><body name='finger'><joint/><geom type='box' size='.02 .02 .01'/></body></worldbody>"
+        "</mujoco>"
     )
     monkeypatch.chdir(tmp_path)
     return tmp_path
