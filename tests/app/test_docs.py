@@ -77,13 +77,14 @@ def test_the_readme_is_short() -> None:
 
 def test_links_and_pictures_of_pages_exist() -> None:
     missing = []
-    for page in PAGES:
+    beside_code = [ROOT / folder / "README.md" for folder in ("mjframes", "plugin", "models")]
+    for page in [*PAGES, *beside_code, ROOT / "CONTRIBUTING.md"]:
         text = SNIPPET.sub("", page.read_text(encoding="utf-8"))
         links = re.findall(r"\]\(([^)#\s]+)[^)]*\)|src=\"([^\"]+)\"|^:link: (\S+)$", text, re.MULTILINE)
         for link in ("".join(link) for link in links):
             drawn = link.startswith(("_pictures/", "_static/"))  # when the documentation is made, which fails without
-            named = page.parent / (f"{link}.md" if "." not in link else link)
-            if not link.startswith("http") and not drawn and not named.exists():
+            there = (page.parent / link).exists() or (page.parent / f"{link}.md").exists()  # cards name pages
+            if not link.startswith("http") and not drawn and not there:
                 missing.append(f"{page.name}: {link}")
     assert not missing, missing
 
