@@ -31,12 +31,17 @@ def snippets(page: Path) -> list[tuple[str, str]]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What a reader has: the models, and the two meshes that the README names."""
+    """What a reader has: the models, and the meshes and the robot that the pages name."""
     (tmp_path / "models").mkdir()
     for model in (ROOT / "models").iterdir():
         shutil.copy(model, tmp_path / "models")
     trimesh.creation.box((0.04, 0.02, 0.02)).export(tmp_path / "flesh.obj")
     trimesh.creation.box((0.02, 0.01, 0.01)).export(tmp_path / "bone.stl")
+    trimesh.creation.box((30, 30, 10)).export(tmp_path / "pad.stl")  # [mm]
+    (tmp_path / "robot.xml").write_text(
+        "<mujoco><worldbody><body name='finger'><joint/><geom type='box' size='.02 .02 .01'/></body></worldbody>"
+        "</mujoco>"
+    )
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -62,6 +67,26 @@ def test_snippets_run_one_after_the_other(page: Path, folder: Path) -> None:
             command = [sys.executable, "-m", "mjframes", *arguments]
             done = subprocess.run(command, env=environment, capture_output=True, text=True)
             assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_readme_is_short() -> None:
+    text = PAGES[0].read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 120
+    assert len(text.split()) <= 1200
+
+
+def test_links_and_pictures_of_pages_exist() -> None:
+    missing = []
+    beside_code = [ROOT / folder / "README.md" for folder in ("mjframes", "plugin", "models")]
+    for page in [*PAGES, *beside_code, ROOT / "CONTRIBUTING.md"]:
+        text = SNIPPET.sub("", page.read_text(encoding="utf-8"))
+        links = re.findall(r"\]\(([^)#\s]+)[^)]*\)|src=\"([^\"]+)\"|^:link: (\S+)$", text, re.MULTILINE)
+        for link in ("".join(link) for link in links):
+            drawn = link.startswith(("_pictures/", "_static/"))  # when the documentation is made, which fails without
+            there = (page.parent / link).exists() or (page.parent / f"{link}.md").exists()  # cards name pages
+            if not link.startswith("http") and not drawn and not there:
+                missing.append(f"{page.name}: {link}")
+    assert not missing, missing
 
 
 def test_the_reference_has_all_that_is_public() -> None:
