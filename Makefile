@@ -37,18 +37,18 @@ test-mujoco4: $(VENV4)/installed
 	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q $(PYTEST_PARALLEL) -m "not dm_control"
 
 bench: $(VENV)/installed $(VENV4)/installed
-	$(VENV)/bin/mjframes bench --mujoco4 $(VENV4)/bin/python
+	$(VENV)/bin/python -m benchmarks.speed.bench --mujoco4 $(VENV4)/bin/python
 
 bench-worlds: $(VENV)/installed $(VENV4)/installed
-	$(VENV)/bin/mjframes bench --worlds --mujoco4 $(VENV4)/bin/python
+	$(VENV)/bin/python -m benchmarks.speed.worlds --mujoco4 $(VENV4)/bin/python
 
 report: $(VENV)/installed $(VENV4)/installed
-	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/mjframes report --mujoco4 $(VENV4)/bin/python
+	OPENBLAS_NUM_THREADS=1 $(call draw,$(VENV)) $(VENV)/bin/python -m benchmarks.accuracy.report --mujoco4 $(VENV4)/bin/python
 
 check: $(VENV)/installed
-	$(VENV)/bin/mjframes check
-	$(VENV)/bin/python -m mjframes.benchmarks.energy
-	$(VENV)/bin/python -m mjframes.cli.damage
+	$(VENV)/bin/python -m benchmarks.stability.check
+	$(VENV)/bin/python -m benchmarks.stability.energy
+	$(VENV)/bin/python -m benchmarks.stability.damage
 
 wheels: $(VENV)/installed-wheels
 	rm -rf dist
@@ -89,7 +89,7 @@ $(VENV)/installed-wheels $(VENV)/installed-docs: $(VENV)/installed-%: $(VENV)/in
 	touch $@
 
 $(VENV4)/installed: pyproject.toml | $(VENV4)/bin/pip
-	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[images,meshes,video,log,view,report,test]" mujoco==$(MUJOCO4)
+	$(VENV4)/bin/python $(PIP_INSTALL) -e ".[harmonic,images,meshes,video,log,plot,view,test]" mujoco==$(MUJOCO4)
 	touch $@
 
 %/bin/pip:

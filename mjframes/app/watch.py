@@ -20,7 +20,7 @@ from mjframes.scene.view import Soft
 
 GAIN = 0.1  # [-] of the energy that moved: what a body may have more than it got
 ANGLE = 0.1  # [rad] of the turn that A is found from
-TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/energy/motions.py)
+TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/stability/energy/motions.py)
 FOLDED = 0.5  # [s] that a region may be folded over
 INSIDE = 0.5  # [-] of a body's size at rest, by which another may be in it: a cube's quarter
 

@@ -111,7 +111,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     wanted = command.add_mutually_exclusive_group()
     wanted.add_argument(
         "--frames",
-        type=_count,
+        type=count,
         metavar="N",
         help="number of frames (default: the fewest of up to 20 that keep an error of 15 %%)",
     )
@@ -123,7 +123,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         help="stiffness of the whole body, or of the paper's integration samples (default %(default)s)",
     )  # fmt: skip
     command.add_argument(
-        "--samples", type=_count, metavar="N", help="number of the paper's integration samples (default 10)"
+        "--samples", type=count, metavar="N", help="number of the paper's integration samples (default 10)"
     )
     command.add_argument(
         "--material",
@@ -143,7 +143,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         "--spacing", type=_spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
     )
     command.add_argument(
-        "--voxels", type=_count, metavar="N", help="about how many voxels to have inside (meshes: 20000)"
+        "--voxels", type=count, metavar="N", help="about how many voxels to have inside (meshes: 20000)"
     )
     units = command.add_mutually_exclusive_group()
     units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
@@ -171,9 +171,9 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
         help="Rayleigh's, [1/s] and [s] (default 0,0)",
     )
     command.add_argument("--weights", choices=WEIGHTS, default=VORONOI, help="(default %(default)s)")
-    command.add_argument("--subdivisions", type=_count, metavar="N", help="of the Voronoi kernels (default 1)")
+    command.add_argument("--subdivisions", type=count, metavar="N", help="of the Voronoi kernels (default 1)")
     command.add_argument(
-        "--seed", type=_seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
+        "--seed", type=seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
     command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
     command.set_defaults(piece=None)
@@ -224,7 +224,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("log", metavar="LOG", help="log that run wrote (.mcap), or what a killed run left of it")
     command.add_argument("--video", metavar="FILE", help="film to write: .mp4, .mkv, .mov")
     command.add_argument("--plot", metavar="FILE", help="figure to write: .png, .pdf, .svg")
-    command.add_argument("--world", type=_seed, metavar="N", help="which, of a shard that collect wrote")
+    command.add_argument("--world", type=seed, metavar="N", help="which, of a shard that collect wrote")
     command.add_argument(
         "--state", type=float, metavar="T", help="print the logged state nearest to this time [s], as JSON"
     )
@@ -256,7 +256,7 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command = commands.add_parser("collect", help="step many worlds of a scene, each with its own materials and pushes")
     command.set_defaults(command=functions["collect"])
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
-    command.add_argument("--worlds", type=_count, required=True, metavar="N", help="how many")
+    command.add_argument("--worlds", type=count, required=True, metavar="N", help="how many")
     command.add_argument("--seconds", type=_factor, default=3.0, metavar="S", help="of each (default %(default)s)")
     command.add_argument(
         "--out", required=True, metavar="FOLDER", help="new, empty, or of the same collection, which then goes on"
@@ -280,12 +280,10 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument(
         "--rate", type=_factor, default=30.0, metavar="HZ", help="entries a simulated second (default %(default)s)"
     )
-    command.add_argument("--seed", type=_seed, default=0, metavar="N", help="of all draws (default %(default)s)")
+    command.add_argument("--seed", type=seed, default=0, metavar="N", help="of all draws (default %(default)s)")
+    command.add_argument("--shard", type=count, default=128, metavar="N", help="worlds in a file (default %(default)s)")
     command.add_argument(
-        "--shard", type=_count, default=128, metavar="N", help="worlds in a file (default %(default)s)"
-    )
-    command.add_argument(
-        "--threads", type=_count, metavar="N", help="(default: one a processor, on a cluster one a shard)"
+        "--threads", type=count, metavar="N", help="(default: one a processor, on a cluster one a shard)"
     )
     command.add_argument(
         "--ray", metavar="ADDRESS", help="of a Ray cluster that computes the shards; local for one of this machine"
@@ -303,52 +301,8 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument("--host", metavar="NAME", help="of the page: 0.0.0.0 for other machines (default 127.0.0.1)")
     command.add_argument("--port", type=_port, metavar="N", help="of the page, 0 for any that is free (default 8080)")
 
-    command = commands.add_parser("bench", help="measure precomputation and steps, beside bodies alone and flex")
-    command.set_defaults(command=functions["bench"])
-    command.add_argument("file", nargs="?", metavar="FILE", help="only the precomputation of this mesh or volume")
-    sizes = command.add_mutually_exclusive_group()
-    sizes.add_argument("--cells", dest="count", type=_amount, metavar="N", help="of a mesh's grid (default 7e6)")
-    sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
-    command.add_argument("--frames", type=_count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
-    command.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
-    command.add_argument("--worlds", action="store_true", help="only what many worlds side by side cost")
-    command.add_argument(
-        "--large", action="store_true", help="only the precomputation of volumes as large as the paper's"
-    )
-    command.add_argument("--quick", action="store_true", help="3, 10 and 20 frames only, and less often")
-    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
-    command.add_argument("--picture", metavar="FILE", help="figure to write of times over frames (.png)")
-
-    command = commands.add_parser("report", help="measure error and run time against finite elements and MuJoCo's flex")
-    command.set_defaults(command=functions["report"])
-    command.add_argument("-o", "--output", default="report", metavar="FOLDER", help="(default %(default)s)")
-    command.add_argument("--quick", action="store_true", help="a few small cases, under three minutes")
-    command.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
-    command.add_argument(
-        "--model",
-        type=_model,
-        action="append",
-        default=[],
-        metavar="NAME=FILE",
-        help="dragon, ribbon, knee or rat, for the paper's Table 2: a label image or a mesh",
-    )
-
     command = commands.add_parser("doctor", help="tell what is installed and whether it works")
     command.set_defaults(command=functions["doctor"])
-
-    command = commands.add_parser("check", help="try out the numerical stability: stiff bodies, large steps, impacts")
-    command.set_defaults(command=functions["check"])
-    command.add_argument("--quick", action="store_true", help="a tenth of the runs")
-    command.add_argument(
-        "--abuse",
-        type=_count,
-        nargs="?",
-        const=10_000,
-        metavar="EDITS",
-        help="instead, edit scenes at random: sizes, options, states, copies, rays, threads (default %(const)s edits)",
-    )
-    command.add_argument("--seed", type=_seed, default=0, help="of the first of those scenes (default %(default)s)")
-    command.add_argument("--out", default="out", metavar="FOLDER", help="of table and map (default %(default)s)")
     return parser
 
 
@@ -400,13 +354,15 @@ def _port(text: str) -> int:
     return int(text)
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """Read a whole number from 1 on."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)
 
 
-def _seed(text: str) -> int:
+def seed(text: str) -> int:
+    """Read a whole number from 0 on."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
     return int(text)
@@ -430,16 +386,6 @@ def _orientation(text: str) -> tuple[float, float, float, float]:
     if not (all(map(math.isfinite, (w, x, y, z))) and any((w, x, y, z))):
         raise argparse.ArgumentTypeError(f"{text!r} is not a quaternion, four numbers, not all 0, with commas between")
     return w, x, y, z
-
-
-def _amount(text: str) -> int:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= 1000):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1000 on")
-    return int(value)
 
 
 def _spacing(text: str) -> tuple[float, ...]:
@@ -480,13 +426,6 @@ def _share(text: str) -> float:
     if not 0 < value < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number between 0 and 1")
     return value
-
-
-def _model(text: str) -> tuple[str, str]:
-    name, equals, file = text.partition("=")
-    if not (name and equals and file):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FILE")
-    return name, file
 
 
 def _size(text: str) -> tuple[int, int]:

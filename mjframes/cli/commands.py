@@ -1,5 +1,4 @@
-"""The command line: `mjframes build`, `materials`, `inspect`, `run`, `replay`, `press`, `collect`, `view`,
-`bench`, `report`, `check`, `doctor`.
+"""The command line: `mjframes build`, `materials`, `inspect`, `run`, `replay`, `press`, `collect`, `view`, `doctor`.
 
 A mistake of the user ends in one sentence on stderr and exit code 2; files appear whole or not at all.
 """
@@ -34,11 +33,21 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
+    words = joined(sys.argv[1:] if argv is None else argv)
+
+    def run_command() -> int:
+        arguments = command_line(COMMANDS).parse_args(words)
+        return arguments.command(arguments)
+
+    return exit_code(run_command)
+
+
+def exit_code(program: Callable[[], int]) -> int:
+    """Run a program; return its exit code. Whatever stops it is one sentence on stderr."""
     _open_streams()
     try:
         with _terminable():
-            arguments = command_line(COMMANDS).parse_args(joined(sys.argv[1:] if argv is None else argv))
-            status = arguments.command(arguments)
+            status = program()
             sys.stdout.flush()
             return status
     except MjframesError as error:
@@ -443,56 +452,11 @@ def view(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def report(arguments: argparse.Namespace) -> int:
-    """Measure error and run time against finite elements and flex."""
-    from rich.console import Console
-
-    from mjframes.benchmarks.report import write_report
-
-    start = time.perf_counter()
-    folder = Path(arguments.output)
-    with Console(stderr=True).status("starting") as status:
-        write_report(folder, arguments.quick, arguments.mujoco4, dict(arguments.model), status.update)
-    print(f"{folder / 'report.md'}: {time.perf_counter() - start:.0f} s")
-    return 0
-
-
 def doctor(arguments: argparse.Namespace) -> int:
     """Print what is installed and whether it works."""
     from mjframes.app.doctor import main as examine
 
     return examine()
-
-
-def bench(arguments: argparse.Namespace) -> int:
-    """Measure precomputation and steps."""
-    if arguments.worlds:
-        from mjframes.benchmarks.worlds import main as measure_worlds
-
-        measure_worlds(arguments.mujoco4)
-        return 0
-    from mjframes.benchmarks import bench as benchmark
-
-    if arguments.growth:
-        benchmark.main_of_growth(arguments.growth)
-    elif arguments.file:
-        benchmark.main_of_file(arguments.file, arguments.count, arguments.frames)
-    elif arguments.large:
-        benchmark.main_of_large()
-    else:
-        benchmark.main(arguments.quick, arguments.mujoco4, arguments.picture)
-    return 0
-
-
-def check(arguments: argparse.Namespace) -> int:
-    """Run bodies through extreme states; print and write what became of them."""
-    if arguments.abuse:
-        from mjframes.benchmarks.check.abuse import main as abuse
-
-        return abuse(arguments.abuse, arguments.seed)
-    from mjframes.benchmarks.check import main as try_out
-
-    return try_out(Path(arguments.out), arguments.quick)
 
 
 def largest_piece(volume: Volume) -> Volume:
@@ -539,8 +503,5 @@ COMMANDS = {
     "press": press,
     "collect": collect,
     "view": view,
-    "bench": bench,
-    "report": report,
-    "check": check,
     "doctor": doctor,
 }

@@ -22,6 +22,7 @@ import pytest
 import trimesh
 from scipy.spatial import KDTree
 
+from benchmarks.stability.damage import rewritten
 from mjframes.app import video
 from mjframes.app.drawn import skin_vertices
 from mjframes.app.log import numbers, write
@@ -33,7 +34,6 @@ from mjframes.app.replay import film_of, plot_of, state_at
 from mjframes.app.run import record
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
-from mjframes.cli.damage import rewritten
 from mjframes.scene.packed import NUMBERS, SCENE, pack, unpack
 from mjframes.scene.scene_file import standalone_scene
 from mjframes.scene.view import soft

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from builders.scenes import FLOOR, TILTED, compiled
 
+from benchmarks.stability.states import jacobian, move_points
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.worlds import Stepping
 from mjframes.app.measure import measure, state_of
 from mjframes.app.run import record
 from mjframes.app.watch import FOLDED, Watch
-from mjframes.benchmarks.check.states import jacobian, move_points
 from mjframes.body.build import TurnWarning, build
 from mjframes.body.soft_body import SoftBody
 from mjframes.cli.commands import main

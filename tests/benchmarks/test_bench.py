@@ -12,13 +12,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjframes.benchmarks import bench, instructions, steps
-from mjframes.benchmarks.flex_steps import Match, beam, flex_run
-from mjframes.benchmarks.profile import contact_share
-from mjframes.benchmarks.report.flex import FlexProcess, FlexSetting
-from mjframes.benchmarks.step_scenes import BARE, OURS, SCENES, TIMESTEP, Run, bare_run, soft_run
-from mjframes.benchmarks.step_tables import STEAK, draw_steps, flex_table, readme_table, step_table
-from mjframes.benchmarks.steps import Group, Speed
+from benchmarks.contenders.flex import FlexProcess, FlexSetting
+from benchmarks.speed import bench, instructions, steps
+from benchmarks.speed.flex_steps import Match, beam, flex_run
+from benchmarks.speed.profile import contact_share
+from benchmarks.speed.step_scenes import BARE, OURS, SCENES, TIMESTEP, Run, bare_run, soft_run
+from benchmarks.speed.step_tables import STEAK, draw_steps, flex_table, readme_table, step_table
+from benchmarks.speed.steps import Group, Speed
 from mjframes.body.soft_body import SoftBody
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -256,7 +256,7 @@ def test_main_prints_tables_and_writes_every_number(
     monkeypatch.setattr(bench, "PAPER", {bench.Size(3, 10): (3, 500)})
     monkeypatch.setattr(steps, "LEAST_STEPS", 10)
     monkeypatch.setattr(steps, "SECONDS", 1e-3)
-    bench.main(quick=True, picture="steps.png")
+    assert bench.main(["--quick", "--picture", "steps.png"]) == 0
     printed = capsys.readouterr().out
     assert "67021 voxels" in printed
     assert "3 frames" in printed

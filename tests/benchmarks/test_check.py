@@ -1,4 +1,4 @@
-"""`mjframes check`: a reduced sweep of stiff and extreme cases, and what is told of it."""
+"""The check of stability: a reduced sweep of stiff and extreme cases, and what is told of it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mjframes.benchmarks import check
-from mjframes.benchmarks.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, LENGTH, Case, Kind, body
-from mjframes.benchmarks.check.evidence import FAST, End, Evidence, measure_end, rounding, stiffness_ratio
-from mjframes.benchmarks.check.map import draw
-from mjframes.benchmarks.check.reasons import DIGITS, FOLDED, GREW, INVERTED, MOVING, PASSED, SPUN, Reason, reason
-from mjframes.benchmarks.check.report import failures, heading, table
-from mjframes.benchmarks.check.states import move_points, move_with
-from mjframes.benchmarks.check.trial import Outcome, run, shape_error
-from mjframes.cli.commands import main
+from benchmarks.stability import check
+from benchmarks.stability.check.__main__ import main
+from benchmarks.stability.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, LENGTH, Case, Kind, body
+from benchmarks.stability.check.evidence import FAST, End, Evidence, measure_end, rounding, stiffness_ratio
+from benchmarks.stability.check.map import draw
+from benchmarks.stability.check.reasons import DIGITS, FOLDED, GREW, INVERTED, MOVING, PASSED, SPUN, Reason, reason
+from benchmarks.stability.check.report import failures, heading, table
+from benchmarks.stability.check.trial import Outcome, run, shape_error
+from benchmarks.stability.states import move_points, move_with
 from mjframes.scene.attach import attach
 from mjframes.scene.view import soft
 
@@ -230,7 +230,7 @@ def test_command_prints_and_writes(
     pytest.importorskip("matplotlib")
     cases = [Case(COROTATIONAL, 1e6, 1 / 30, "scrambled"), Case(BY_NAME["neo-hookean"], 1e12, 1 / 30, "stretched 10×")]
     monkeypatch.setattr(check, "few_cases", lambda: cases)
-    assert main(["check", "--quick", "--out", str(tmp_path / "new")]) == 0
+    assert main(["--quick", "--out", str(tmp_path / "new")]) == 0
     printed, said = capfd.readouterr()
     assert "2 runs: 2 survive, 2 recover their shape of rest." in printed
     assert said == ""

@@ -1,8 +1,9 @@
-"""`python -m mjframes.benchmarks.energy` tells what makes energy from what does not, and what a loop's force does."""
+"""`python -m benchmarks.stability.energy` tells what makes energy from what does not, and what a loop's force does."""
 
 from __future__ import annotations
 
 import csv
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,12 +16,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjframes.benchmarks.energy import bodies, loops, motions, order, recovery
-from mjframes.benchmarks.energy.bodies import Subject, subjects
-from mjframes.benchmarks.energy.report import HEADER, summary, table, write
-from mjframes.benchmarks.energy.shapes import SHAPES, VOXELS, drawn
-from mjframes.benchmarks.energy.trial import GAIN, LOOP, QUICK, RETURN, Job, measured
-from mjframes.benchmarks.energy.world import GRAVITY, World, run, world
+from benchmarks.stability.energy import bodies, loops, motions, order, recovery
+from benchmarks.stability.energy.bodies import Subject, subjects
+from benchmarks.stability.energy.report import HEADER, summary, table, write
+from benchmarks.stability.energy.shapes import SHAPES, VOXELS, drawn
+from benchmarks.stability.energy.trial import GAIN, LOOP, QUICK, RETURN, Job, measured
+from benchmarks.stability.energy.world import GRAVITY, World, run, world
 from mjframes.body.build import build
 from mjframes.frames.supports import Fixed
 from mjframes.volume.material import Material
@@ -218,8 +219,9 @@ def test_what_cannot_be_built_says_why(tmp_path: Path) -> None:
 
 
 def test_the_command_measures_a_few_bodies(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "mjframes.benchmarks.energy", "--quick", "--bodies", "1"]
+    command = [sys.executable, "-m", "benchmarks.stability.energy", "--quick", "--bodies", "1"]
     command += ["--laws", "corotational", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    checkout = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path, env=checkout)
     assert "00 tray" in done.stdout
     assert {path.name for path in tmp_path.iterdir()} == {"energy.csv", "energy.png"}

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjframes.base.cache import SWITCH
-from mjframes.base.errors import MjframesError
-from mjframes.benchmarks import bench
-from mjframes.benchmarks import large as bench_large
-from mjframes.benchmarks.large import (
+from benchmarks.speed import bench
+from benchmarks.speed import large as bench_large
+from benchmarks.speed.large import (
     Job,
     Measured,
     draw_growth,
@@ -22,7 +20,9 @@ from mjframes.benchmarks.large import (
     ring_file,
     standard_jobs,
 )
-from mjframes.cli.commands import main
+from mjframes.base.cache import SWITCH
+from mjframes.base.errors import MjframesError
+from mjframes.cli.commands import exit_code
 from mjframes.volume.volume import Volume
 
 
@@ -60,7 +60,7 @@ def test_the_jobs_are_those_of_the_paper(tmp_path: Path) -> None:
 def test_a_missing_file_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(MjframesError, match=r"missing\.ply: there is no such file"):
         jobs_of("missing.ply", None, [3])
-    assert main(["bench", "missing.ply", "--cells", "7e6", "--frames", "3"]) == 2
+    assert exit_code(lambda: bench.main(["missing.ply", "--cells", "7e6", "--frames", "3"])) == 2
     assert "missing.ply: there is no such file" in capsys.readouterr().err
 
 

@@ -11,18 +11,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import report, table2
+from benchmarks.accuracy.measures import Row, front, race, slopes
+from benchmarks.accuracy.vibration import exact_vibration, vibrations
+from benchmarks.contenders.flex import FlexProcess, FlexSetting, flex_settings
+from benchmarks.contenders.frames import Setting, settings, solved
+from benchmarks.solids import bodies, cases, models
+from benchmarks.solids.bricks import at_centers, bricks
+from benchmarks.solids.cases import Case, all_cases, bar
+from benchmarks.solids.reference import Reference, linear_solution, references, refined
 from mjframes.base.choices import PAPER
 from mjframes.base.errors import MjframesError
-from mjframes.benchmarks import report
-from mjframes.benchmarks.report import bodies, cases, models, table2
-from mjframes.benchmarks.report.bricks import at_centers, bricks
-from mjframes.benchmarks.report.cases import Case, all_cases, bar
-from mjframes.benchmarks.report.contenders import Setting, settings, solved
-from mjframes.benchmarks.report.flex import FlexProcess, FlexSetting, flex_settings
-from mjframes.benchmarks.report.measures import Row, front, race, slopes
-from mjframes.benchmarks.report.reference import Reference, linear_solution, references, refined
-from mjframes.benchmarks.report.vibration import exact_vibration, vibrations
-from mjframes.cli import commands as cli
+from mjframes.cli.commands import exit_code
 
 pytest.importorskip("pyamg")
 MUJOCO4 = sys.executable if mujoco.__version__ >= "4" else os.environ.get("MJFRAMES_MUJOCO4")
@@ -234,7 +234,7 @@ def test_the_command_writes_a_page_a_table_and_figures(tmp_path, monkeypatch, ca
     monkeypatch.setattr(report, "all_cases", lambda quick: small)
     monkeypatch.setattr(report, "all_bodies", lambda quick: [bodies.beam(0.3)])
     monkeypatch.setattr(table2, "volume_of", lambda model, files: None)
-    assert cli.main(["report", "--quick", "-o", str(tmp_path / "out")]) == 0
+    assert report.main(["--quick", "-o", str(tmp_path / "out")]) == 0
     assert "report.md" in capsys.readouterr().out
     page = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
     assert "flex: left out" in page
@@ -252,7 +252,7 @@ def test_the_command_writes_a_page_a_table_and_figures(tmp_path, monkeypatch, ca
 
 
 def test_mistakes_are_one_sentence(capsys):
-    assert cli.main(["report", "--model", "dragon"]) == 2
+    assert exit_code(lambda: report.main(["--model", "dragon"])) == 2
     assert "NAME=FILE" in capsys.readouterr().err
     with pytest.raises(MjframesError, match="model 'cat' is not in the table"):
         table2.measure({"cat": "cat.ply"}, True, lambda stage: None)

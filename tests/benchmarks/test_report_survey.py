@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import survey
+from benchmarks.accuracy.survey import Judged, Verdict, judge
+from benchmarks.accuracy.survey_page import survey_page
+from benchmarks.contenders.frames import timed_build
+from benchmarks.solids.bodies import Body, all_bodies, beam, free_core, sandwich
+from benchmarks.solids.bricks import bricks, linear_stiffness, nodal_load
+from benchmarks.solids.exact import exact_solution
+from benchmarks.solids.incompatible import consistent_mass, incompatible_stiffness
 from mjframes.base.choices import PAPER, WHOLE_BODY
-from mjframes.benchmarks.report import survey
-from mjframes.benchmarks.report.bodies import Body, all_bodies, beam, free_core, sandwich
-from mjframes.benchmarks.report.bricks import bricks, linear_stiffness, nodal_load
-from mjframes.benchmarks.report.contenders import timed_build
-from mjframes.benchmarks.report.exact import exact_solution
-from mjframes.benchmarks.report.incompatible import consistent_mass, incompatible_stiffness
-from mjframes.benchmarks.report.survey import Judged, Verdict, judge
-from mjframes.benchmarks.report.survey_page import survey_page
 from mjframes.volume.grid import voxel_grid
 from mjframes.volume.volume import Volume, require_connected
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from builders.scenes import FLOOR, beam, compiled
 
-from mjframes.benchmarks import worlds
-from mjframes.benchmarks.step_scenes import BARE, OURS
+from benchmarks.speed import worlds
+from benchmarks.speed.step_scenes import BARE, OURS
 
 
 @cache

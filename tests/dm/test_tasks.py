@@ -12,9 +12,9 @@ pytest.importorskip("dm_control")
 import mujoco
 import numpy as np
 
+from benchmarks.speed.tasks import tried
 from mjframes import dm
 from mjframes.base.errors import MjframesError
-from mjframes.benchmarks.tasks import tried
 from mjframes.dm import lifting
 
 pytestmark = pytest.mark.dm_control

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 import mjframes as mf
-from mjframes.benchmarks.report.bricks import bricks, internal_force, nodal_load
+from benchmarks.solids.bricks import bricks, internal_force, nodal_load
 from mjframes.volume.grid import voxel_grid
 
 LENGTH, WIDTH, ACROSS = 0.4, 0.1, 12  # [m], [m], [voxels]

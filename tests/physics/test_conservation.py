@@ -11,10 +11,10 @@ import pytest
 from builders.scenes import TILTED, compiled, in_space, move_points
 from scipy.spatial.transform import Rotation
 
+from benchmarks.stability.check import cases
+from benchmarks.stability.states import jacobian, move_with
 from examples import flight
 from mjframes.base.choices import LAWS
-from mjframes.benchmarks.check import cases
-from mjframes.benchmarks.check.states import jacobian, move_with
 from mjframes.body.build import build
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material

@@ -15,7 +15,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh
 
 import mjframes as mf
-from mjframes.benchmarks.report.bricks import bricks, linear_stiffness
+from benchmarks.solids.bricks import bricks, linear_stiffness
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.view import Soft, soft
 from mjframes.volume.grid import voxel_grid

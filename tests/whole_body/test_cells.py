@@ -15,8 +15,8 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
+from benchmarks.solids.bricks import bricks, internal_force, nodal_load
 from mjframes.base.choices import LAWS
-from mjframes.benchmarks.report.bricks import bricks, internal_force, nodal_load
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.corotational import CorotationalRegion
 from mjframes.elasticity.laws import hessian, law_of_constants, law_parameters, stress

@@ -1,0 +1,1 @@
+"""Who is measured: frames and MuJoCo's flex, brought to rest by the same steps."""
