@@ -225,7 +225,7 @@ void InstallCollisionHook() {
   }
 }
 
-void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
+void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, ContactDents* dents) {
   TouchScratch touch;
   Touch found[kMaxTouches];
   SoftSide side[2];
@@ -233,6 +233,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
   bool recalled = false;                        // from the collision stage
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
+    if (dents) dents[c] = {};
     if (contact.efc_address < 0) continue;
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
       for (int s = 0; s < 2; s++) {
@@ -266,6 +267,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch) {
     }
     WriteContact(m, d, contact, side, scratch,
                  [&](int s, double* weight) { AddTouchWeights(side, found[same], touch, s, weight); });
+    if (dents) dents[c] = TouchDents(side, found[same]);
     next = same + 1;
   }
 }

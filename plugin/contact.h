@@ -14,6 +14,7 @@
 #include <array>
 #include <vector>
 
+#include "dents.h"
 #include "kinematics.h"
 #include "linear.h"
 
@@ -29,8 +30,8 @@ struct ContactScratch {
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.
 void InstallCollisionHook();
 
-// Writes the rows of every contact of every soft body.
-void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch);
+// Writes the rows of every contact of every soft body. dents: of each contact, filled in.
+void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, ContactDents* dents);
 
 }  // namespace mjframes
 

@@ -26,9 +26,14 @@ double RowLength(const mjModel* m, const mjData* d, int i) {
   return turns ? m->eq_data[mjNEQDATA * d->efc_id[i] + 10] : 1;  // torquescale
 }
 
-void SetResistance(mjData* d, int i, double inverse_inertia) {
+void SetFromInverse(mjData* d, int i, double inverse_inertia) {
   const double impedance = d->efc_KBIP[4 * i + 2];
-  const double R = std::max(mjMINVAL, inverse_inertia * (1 - impedance) / impedance);
+  SetResistance(d, i, std::max(mjMINVAL, inverse_inertia * (1 - impedance) / impedance));
+}
+
+}  // namespace
+
+void SetResistance(mjData* d, int i, double R) {
   d->efc_R[i] = R;
   d->efc_D[i] = 1 / R;
   if (d->nisland > 0) {
@@ -36,8 +41,6 @@ void SetResistance(mjData* d, int i, double inverse_inertia) {
     d->iefc_D[d->map_efc2iefc[i]] = 1 / R;
   }
 }
-
-}  // namespace
 
 bool IsContact(const mjData* d, int i) { return d->efc_type[i] >= mjCNSTR_CONTACT_FRICTIONLESS; }
 
@@ -66,14 +69,14 @@ void SetResistances(const mjModel* m, mjData* d, const RowGroup& group) {
     const double actual =
         IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
     if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
-    for (int i = first; i < first + count; i++) SetResistance(d, i, actual / assumed * d->efc_diagA[i]);
+    for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
     return;
   }
   double sum = 0;
   for (int r = 0; r < count; r++) sum += product[r][r];
   const double length = RowLength(m, d, first), actual = sum / (count * length * length);
   if (!(actual > mjMINVAL)) return;
-  for (int i = first; i < first + count; i++) SetResistance(d, i, actual);
+  for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual);
 }
 
 }  // namespace mjframes

@@ -13,6 +13,9 @@
 
 namespace mjframes {
 
+// Sets R of row i, and what follows from it.
+void SetResistance(mjData* d, int i, double R);
+
 // Whether row i is a contact's.
 bool IsContact(const mjData* d, int i);
 

@@ -14,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "8";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "9";  // of the attributes; a model written by another version is refused
 
 constexpr char kRegionMismatch[] = "its region arrays do not match each other";
 
@@ -207,7 +207,7 @@ std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& coupli
 }
 
 std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points,
-                               Reader* reader) {
+                               int factors, Reader* reader) {
   constexpr char kMismatch[] = "its patch arrays do not match each other";
   std::vector<Patch> patches;
   for (int geom = 0; geom < m->ngeom; geom++) {
@@ -226,6 +226,17 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   const auto weight = reader->Array<double>("patch_weight");
   std::vector<double> offset;
   if (reader->Has("patch_offset")) offset = reader->Array<double>("patch_offset");
+  std::vector<double> dent;
+  std::vector<int32_t> factor;
+  if (reader->Has("patch_dent")) {
+    dent = reader->Array<double>("patch_dent");
+    factor = reader->Array<int32_t>("patch_factor");
+    const bool match = dent.size() == 3 * cluster_size.size() && factor.size() == cluster_size.size();
+    const auto [least, largest] = std::minmax_element(factor.begin(), factor.end());
+    const bool are = match && !factor.empty() && *least >= 0 && *largest < factors;
+    const bool positive = std::all_of(dent.begin(), dent.end(), [](double value) { return value >= 0; });
+    if (!reader->Check(are && positive, "the dents of its patches are not one a cluster, or negative")) return {};
+  }
   if (!reader->Check(size.size() == patches.size() && clusters.size() == patches.size(),
                      "its patch geoms do not match its patches")) {
     return {};
@@ -236,6 +247,10 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
     const size_t count = std::max(size[i], 0), groups = std::max(clusters[i], 0);
     if (!reader->Check(groups > 0 && groups <= kMaxClusters && c + groups <= cluster_size.size(), kMismatch)) return {};
     patch.cluster.assign(cluster_size.begin() + c, cluster_size.begin() + c + groups);
+    for (size_t g = c; g < c + groups && !dent.empty(); g++) {
+      patch.dent.push_back({dent[3 * g], dent[3 * g + 1], dent[3 * g + 2]});
+      patch.factor.push_back(factor[g]);
+    }
     size_t n = 0;
     for (const int32_t vertices : patch.cluster) {
       if (!reader->Check(vertices > 0 && vertices <= kMaxPatchVertices, "a cluster of a patch has no valid size")) {
@@ -369,7 +384,7 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok()) model->kinematics.Finish(m, reader);
   const std::vector<ControlPoint>& points = model->kinematics.points();
   ContactModel& contact = model->contact;
-  if (reader->ok()) contact.patches = ReadPatches(m, instance, points, reader);
+  if (reader->ok()) contact.patches = ReadPatches(m, instance, points, elastic.factors, reader);
   const int patches = static_cast<int>(contact.patches.size());
   if (reader->ok() && patches > 0) {
     contact.radius = reader->Number("contact_radius");

@@ -51,6 +51,8 @@ inline constexpr const char* kSoftAttributes[] = {
     "patch_point",
     "patch_weight",
     "patch_offset",
+    "patch_dent",
+    "patch_factor",
     "lattice_spacing",
     "lattice_axes",
     "lattice_origin",

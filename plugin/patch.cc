@@ -160,6 +160,14 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
 void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
   const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
   walk = Walk(own, contact.patches[number].cluster);
+  for (const Vec3& vertex : own) {
+    double nearest = mjMAXVAL;
+    for (const Vec3& other : own) {
+      if (const Vec3 offset = other - vertex; Norm(offset) > 0) nearest = std::min(nearest, Dot(offset, offset));
+    }
+    spacing += nearest < mjMAXVAL ? nearest : contact.radius * contact.radius;
+  }
+  spacing = std::sqrt(spacing / static_cast<double>(own.size()));
   const DistanceField& field = contact.field;
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;

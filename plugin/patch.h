@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "constants.h"
+#include "dents.h"
 #include "distance_field.h"
 #include "linear.h"
 
@@ -93,6 +94,7 @@ struct PatchVolume {
   // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and if it
   // is not solid, none of these from the nearest other one of the body; that is the contact radius at least.
   double cover = 0, spread = 0;
+  double spacing = 0;  // from each vertex to the nearest other one of the patch, at rest; root mean square [m]
 };
 
 // The contact vertices that hang on one body, in clusters; never written after creation, so threads may read it.
@@ -100,10 +102,19 @@ struct Patch {
   int geom = -1;
   int vertices = 0;              // number of vertices n, cluster after cluster
   std::vector<int32_t> cluster;  // number of vertices of each cluster          (≤ kMaxClusters)
+  std::vector<Dent> dent;        // of each cluster; none where contacts make none
+  std::vector<int32_t> factor;   // of the materials' that its softness follows
   std::vector<int32_t> point;    // control points, ancestors first             (p)
   std::vector<double> weight;    // W_j(s), one row of n a point                (p × n)
   std::vector<double> offset;    // s − Σ_j W_j(s) x̄_j [m], by component; empty where the frames give none (3 × n)
   PatchVolume volume;            // the material below
+
+  // The cluster that a vertex is in.
+  size_t ClusterOf(int vertex) const {
+    size_t c = 0;
+    for (int end = cluster[0]; c + 1 < cluster.size() && vertex >= end; end += cluster[c]) c++;
+    return c;
+  }
 };
 
 // What of a soft body touches; never changes.

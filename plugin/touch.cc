@@ -12,6 +12,7 @@
 #include "simd.h"
 #include "soft_body.h"
 #include "surface_state.h"
+#include "vertices.h"
 
 namespace mjframes {
 namespace {
@@ -43,14 +44,15 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
 }
 
 // Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
-// those that are `reach` above the deepest have none. Returns the distance of the pressure centre; mjMAXVAL and no
+// those that are `reach` above the deepest have none; of a dent, those that are half as deep. Returns the distance of the pressure centre; mjMAXVAL and no
 // shares if nothing is near.
-double ShareOut(double* distance, int begin, int end, double reach) {
+double ShareOut(double* distance, int begin, int end, double reach, bool dents) {
   const double deepest = ExtremesOf(distance + begin, end - begin).least;
   if (deepest == mjMAXVAL) {
     std::fill(distance + begin, distance + end, 0.0);
     return mjMAXVAL;
   }
+  if (dents) reach = std::max(reach, -kDentEdge * deepest);
   double total = 0, mean = 0;
   for (int s = begin; s < end; s++) {
     const double height = distance[s] - deepest;
@@ -75,6 +77,7 @@ bool Settle(double radius, Touch* touch) {
   const double length = Norm(touch->normal);
   if (!(length > mjMINVAL)) return false;
   touch->normal = (1 / length) * touch->normal;
+  touch->variance = std::max(0.0, touch->variance - 0.5 * Dot(touch->position, touch->position));
   touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
   return true;
 }
@@ -105,12 +108,13 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     end += size;
     other.Distances(vertices, n, begin, end, share);
     for (int s = begin; s < end; s++) share[s] -= radius;
-    Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
+    Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, {}, 0};
     if (!(touch.distance < margin)) continue;
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
       const Vec3 p = Vertex(vertices, n, s);
       touch.position = touch.position + share[s] * p;
+      touch.variance += 0.5 * share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
     if (!Settle(radius, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
@@ -137,7 +141,7 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
 // Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
 int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
   const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
-  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, {}};
+  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, {}, 0};
   if (!soft.Distance(touch.position, true, &touch.xi, &touch.distance, &touch.normal)) return 0;
   if (!(touch.distance < margin) || !Settle(0, &touch)) return 0;
   *out = touch;
@@ -146,7 +150,8 @@ int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
 
 // The features of a geom, balls of that radius, that touch the patch; normals point out of the soft body. found: where
 // they are in that.
-int FeatureTouches(const MetPoints& found, int patch, double radius, double reach, double margin, Touch* out) {
+int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius, double reach, double margin,
+                   Touch* out) {
   constexpr int kMost = 64;  // points of one cluster that count: the first ones of a mesh with more
   const MetPoint* near[kMost];
   double share[kMost];
@@ -159,11 +164,12 @@ int FeatureTouches(const MetPoints& found, int patch, double radius, double reac
       share[size++] = met->distance - radius;
     }
     if (size == 0) continue;
-    const double distance = ShareOut(share, 0, size, reach);
+    const double distance = ShareOut(share, 0, size, reach, dents);
     if (!(distance < margin)) continue;
-    Touch touch = {distance, {}, {}, -1, 0, 0, {}};
+    Touch touch = {distance, {}, {}, -1, 0, 0, {}, 0};
     for (int i = 0; i < size; i++) {
       touch.position = touch.position + share[i] * near[i]->place;
+      touch.variance += 0.5 * share[i] * Dot(near[i]->place, near[i]->place);
       touch.normal = touch.normal + share[i] * near[i]->normal;
       touch.xi = touch.xi + share[i] * near[i]->xi;
     }
@@ -195,10 +201,11 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
       of_vertex[met->number] = met;
     }
     if (near) {
-      Touch touch = {ShareOut(share, begin, end, kBlend * radius), {}, {}, side, begin, end, {}};
+      Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, {}, 0};
       for (int s = begin; s < end && touch.distance < margin; s++) {
         if (share[s] == 0) continue;
         touch.position = touch.position + share[s] * of_vertex[s]->place;
+        touch.variance += 0.5 * share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
       if (touch.distance < margin && Settle(radius, &touch)) out[count++] = touch;
@@ -264,7 +271,7 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
     } else if (contact.model().has_volume) {
       const double height = std::max(0.0, margin) + kBlend * radius + ball;  // what is higher has no share in a contact
       const MetPoints found = contact.meetings()->FindFeatures(m, d, rigid, soft.room, height);
-      count += FeatureTouches(found, side[s].patch, ball, kBlend * radius, margin, out + count);
+      count += FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, kBlend * radius, margin, out + count);
     }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {
@@ -333,6 +340,31 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
     }
     AddVertexWeights(deformed.patch(), v, share, weight);
   }
+}
+
+ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
+  ContactDents dents = {touch.variance, {}};
+  double spacing = 0;
+  for (int s = 0; s < 2; s++) {
+    if (!side[s].body) continue;
+    SurfaceState* state = side[s].body->contact().state();
+    const std::lock_guard lock(state->mutex);
+    const Patch& patch = state->Deformed(side[s].patch).patch();
+    if (patch.dent.empty()) continue;
+    int vertex = touch.begin;
+    if (s != touch.side) {
+      double square = mjMAXVAL;
+      vertex = std::max(0, NearestVertex(state->Vertices(side[s].patch), patch.vertices, touch.position, &square));
+    }
+    const size_t cluster = patch.ClusterOf(vertex);
+    Dent& dent = dents.side[s] = patch.dent[cluster];
+    const double room = 1 + std::min(0.0, touch.distance) / dent.thickness;
+    dent.softness *= std::sqrt(std::max(0.0, room) / side[s].body->scaling().stiffness[patch.factor[cluster]]);
+    spacing = std::max(spacing, patch.volume.spacing);
+  }
+  const double least = spacing * spacing / 12;  // of what a vertex stands for
+  dents.variance = touch.side < 0 ? std::max(kEdgePressure * dents.variance, least) : dents.variance + least;
+  return dents;
 }
 
 void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight) {

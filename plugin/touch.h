@@ -12,6 +12,7 @@
 
 #include <mujoco/mujoco.h>
 
+#include "dents.h"
 #include "geom_features.h"
 #include "linear.h"
 #include "patch.h"
@@ -33,6 +34,7 @@ struct Touch {
   int side;         // of the vertices that touch, or −1 where features do
   int begin, end;   // those vertices
   Vec3 xi;          // material point near the feature
+  double variance;  // of what touches around the position, along one direction of the surface [m²]
 };
 
 inline constexpr int kMaxTouches =
@@ -55,6 +57,9 @@ int RecallTouches(const mjData* d, const int geom[2], const SoftSide side[2], To
 // weight[j] += weight of control point j of the soft body on side s in the velocity of the touching point. The touch
 // was found or recalled last, with this scratch.
 void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScratch& scratch, int s, double* weight);
+
+// The dents that the touch makes. It was found or recalled last.
+ContactDents TouchDents(const SoftSide side[2], const Touch& touch);
 
 // weight[j] += weight of control point j in the velocity of what is at a place, or nearest to it.
 void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, double* weight);

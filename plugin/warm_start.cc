@@ -6,39 +6,19 @@
 #include <utility>
 
 #include "constants.h"
+#include "dents.h"
 #include "elimination.h"
 #include "impedance.h"
 #include "patch_field.h"
 #include "simd.h"
-
-#ifdef ADDRESS_SANITIZER
-// MuJoCo's headers then replace both by functions that its own library, built without the sanitizer, does not have.
-extern "C" void MarkStack(mjData* d) __asm__("mj_markStack");
-extern "C" void FreeStack(mjData* d) __asm__("mj_freeStack");
-#else
-inline void MarkStack(mjData* d) { mj_markStack(d); }
-inline void FreeStack(mjData* d) { mj_freeStack(d); }
-#endif
+#include "stack.h"
 
 namespace mjframes {
 namespace {
 
-// Whether mjData's stack has room for so many numbers, and as many for MuJoCo's solver.
-bool HasRoom(const mjData* d, size_t numbers) {
-  return 2 * sizeof(mjtNum) * numbers + kStackReserve < static_cast<size_t>(d->narena) - d->pstack - d->parena;
-}
-
 // Whether mj_inverse is at work, which no solver follows. It finds no islands, and marks the stack; where islands are
 // disabled the mark may be another caller's, whose solver then starts where it did the last time.
 bool IsInverse(const mjData* d) { return d->nisland == 0 && d->pbase != 0; }
-
-// Whether the solver that comes is of the kind that this one is, and starts at d->qacc_warmstart.
-bool Starts(const mjModel* m, const mjData* d) {
-  if (IsInverse(d)) return false;
-  if (m->opt.solver == mjSOL_PGS || (m->opt.disableflags & mjDSBL_WARMSTART)) return false;
-  if (d->efm_active) return false;
-  return std::none_of(d->efc_type, d->efc_type + d->nefc, [](int type) { return type == mjCNSTR_CONTACT_ELLIPTIC; });
-}
 
 // Whether a row's island is solved here: of many more rows than degrees of freedom MuJoCo's own factors are the smaller
 // ones.
@@ -475,14 +455,21 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
 
 }  // namespace
 
+bool Starts(const mjModel* m, const mjData* d) {
+  if (IsInverse(d)) return false;
+  if (m->opt.solver == mjSOL_PGS || (m->opt.disableflags & mjDSBL_WARMSTART)) return false;
+  if (d->efm_active) return false;
+  return std::none_of(d->efc_type, d->efc_type + d->nefc, [](int type) { return type == mjCNSTR_CONTACT_ELLIPTIC; });
+}
+
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
     : inertia_(m, std::move(marked)), dof_(m->nv), y_(kLanes * m->nv) {}
 
-void ConstraintRows::Finish(const mjModel* m, mjData* d) {
+void ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts) {
   if (d->nefc == 0) return;
   inertia_.Start(m, d);
   MarkStack(d);
-  bool starts = Starts(m, d) && HasRoom(d, d->nefc * sizeof(RowGroup) / sizeof(mjtNum));
+  starts = starts && HasRoom(d, d->nefc * sizeof(RowGroup) / sizeof(mjtNum));
   RowGroup* groups = nullptr;
   if (starts) groups = static_cast<RowGroup*>(mj_stackAllocByte(d, d->nefc * sizeof(RowGroup), alignof(RowGroup)));
   int count = 0;
@@ -501,6 +488,7 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d) {
       if (keeps) groups[count++] = group;
     }
   }
+  if (dents) SetDents(m, d, dents);
   if (starts && count > 0 && HasRoom(d, StartsSize(m, d, count)))
     WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
   FreeStack(d);

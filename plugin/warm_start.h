@@ -18,18 +18,23 @@
 
 #include <vector>
 
+#include "dents.h"
 #include "row_inertia.h"
 
 namespace mjframes {
+
+// Whether the solver that comes is of the kind that this one is, and starts at d->qacc_warmstart.
+bool Starts(const mjModel* m, const mjData* d);
 
 class ConstraintRows {
  public:
   // marked: whether each degree of freedom is a soft body's that changes d->M (nv).
   ConstraintRows(const mjModel* m, std::vector<char> marked);
 
-  // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and writes
-  // d->qacc_warmstart.
-  void Finish(const mjModel* m, mjData* d);
+  // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and the springs of
+  // contacts that make dents, and writes d->qacc_warmstart. dents: of each contact, null where there are none.
+  // starts: what Starts said before anyone marked mjData's stack.
+  void Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts);
 
  private:
   RowInertia inertia_;

@@ -6,6 +6,7 @@
 #include "parse.h"
 #include "plugin.h"
 #include "requirements.h"
+#include "stack.h"
 #include "touch.h"
 
 namespace mjframes {
@@ -99,8 +100,16 @@ void World::Step(const mjModel* m, mjData* d) {
   }
 
   // rows: of each contact tᵀ Σ_j ω_j J_j, then the impedance of all for the inertia as it is now, and their forces
-  WriteContactRows(m, d, &contact_rows_);
-  rows_.Finish(m, d);
+  const bool starts = Starts(m, d);
+  MarkStack(d);
+  const bool dents = d->ncon > 0 && HasRoom(d, d->ncon * sizeof(ContactDents) / sizeof(mjtNum));
+  ContactDents* of_contact = nullptr;
+  if (dents) {
+    of_contact = static_cast<ContactDents*>(mj_stackAllocByte(d, d->ncon * sizeof(ContactDents), alignof(ContactDents)));
+  }
+  WriteContactRows(m, d, &contact_rows_, of_contact);
+  rows_.Finish(m, d, of_contact, starts);
+  FreeStack(d);
 }
 
 void World::CheckOptions(const mjModel* m) {

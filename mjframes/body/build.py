@@ -33,6 +33,7 @@ from mjframes.elasticity.stiffness import Stiffness, region_stiffness
 from mjframes.frames.supports import Support, held_cores
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.contact_points import contact_points
+from mjframes.surface.dents import dents
 from mjframes.surface.distance_field import DistanceField, rest_distance_field
 from mjframes.surface.isosurface import Surface, extract_surface
 from mjframes.surface.patches import group_patches
@@ -136,7 +137,7 @@ def build(
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, field = _surfaces(volume, grid, elastic.shapes, contact_radius)
+    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), contact_radius)
     condensed = elastic.condensed
     return SoftBody(
         parent=chosen.tree.parent,
@@ -255,9 +256,10 @@ def _is_consistent(mass: str | None, types: Sequence[str]) -> bool:
 
 
 def _surfaces(
-    volume: Volume, grid: Grid, shapes: ShapeFunctions, contact_radius: float | None
+    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_radius: float | None
 ) -> tuple[Skin, ContactSpheres, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
+    shapes, condensed = elastic.shapes, elastic.condensed
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
     spheres = contact_points(surface, volume, contact_radius)
@@ -266,7 +268,9 @@ def _surfaces(
     spheres, weights = spheres.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, spheres, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
-    contact = ContactSpheres(spheres.positions, spheres.radius, patches.patch, patches.cluster, weights)
+    pushes = (condensed.pushed, condensed.missing) if condensed else ()
+    below = dents(grid, spheres.positions, spheres.normals, frames, *pushes)
+    contact = ContactSpheres(spheres.positions, spheres.radius, patches.patch, patches.cluster, weights, below)
     return skin, contact, field
 
 

@@ -109,6 +109,9 @@ def _check_surfaces(body: SoftBody, k: int) -> None:
     order = contact.patch * (spheres + 1) + contact.cluster
     _require("contact.patch", bool((np.diff(order) >= 0).all()) and _counts_on(contact.patch))
     _control_weights("contact.weights", contact.weights, spheres, k)
+    for name in ("width", "softness", "thickness"):
+        _numbers(f"contact.dents.{name}", getattr(contact.dents, name), (spheres,), least=0)
+    _indices("contact.dents.material", contact.dents.material, (spheres,), len(body.factor_of))
     nodes = len(field.node)
     _require("distance_field.spacing", np.isfinite(field.spacing) and field.spacing > 0)
     _numbers("distance_field.origin", field.origin, (3,))

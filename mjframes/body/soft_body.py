@@ -22,6 +22,7 @@ from mjframes.elasticity.shares import factor_of
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints
 from mjframes.kinematics.shape_functions import ShapeFunctions
+from mjframes.surface.dents import Dents
 from mjframes.surface.distance_field import DistanceField
 from mjframes.volume.material import Material
 from mjframes.volume.volume import occurring
@@ -55,6 +56,7 @@ class ContactSpheres:
     radius: [m].
     patch: (s,) and cluster: (s,) within it, see `patches`.
     weights: (s, k) control weights W_j(s).
+    dents: those that a contact makes there.
     """
 
     centers: np.ndarray
@@ -62,6 +64,7 @@ class ContactSpheres:
     patch: np.ndarray
     cluster: np.ndarray
     weights: sparse.csr_array
+    dents: Dents
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,9 +103,10 @@ def attach(
     rank = _ranks(bodies, place)
     patches = ordered_patches(body, carried, rank) if contact else []
     order = [carried[c] for c in np.argsort(rank)]
-    instance.config = configuration(body, remember(body), order, _branches(body, place, name), patches)
+    parameters = contact if isinstance(contact, Contact) else Contact()
+    branches = _branches(body, place, name)
+    instance.config = configuration(body, remember(body), order, branches, patches, parameters.dents)
     if patches:
-        parameters = contact if isinstance(contact, Contact) else Contact()
         add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
         add_skins(own, body, carried, local)

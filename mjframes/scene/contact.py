@@ -33,6 +33,7 @@ class Contact:
     contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the other. As they are,
     a soft body meets rigid geoms and other soft bodies; itself it never meets.
     priority: the parameters of the geom with the higher one count, those of equal ones are mixed.
+    dents: whether the flesh below a contact gives way beyond what the frames show, as it does in finite elements.
 
     The default solref has half of MuJoCo's time constant: soft bodies that fall on each other come a third to a half as
     deep into each other, and rest half as deep. With a rigid geom of MuJoCo's default, 0.02 s, it is mixed to 0.015.
@@ -50,6 +51,7 @@ class Contact:
     contype: int = 1
     conaffinity: int = 1
     priority: int | None = None
+    dents: bool = False
 
     def __post_init__(self) -> None:
         for name, length in LENGTHS.items():
@@ -84,6 +86,8 @@ class Contact:
             value = getattr(self, name)
             if not (_is_whole(value) and 0 <= value < 2**31):
                 raise MjframesError(f"{name} is {value!r}; it must be a bit mask of 31 bits.")
+        if not isinstance(self.dents, bool):
+            raise MjframesError(f"dents is {self.dents!r}; it must be True or False.")
         if self.priority is not None and not (_is_whole(self.priority) and abs(self.priority) < 2**31):
             raise MjframesError(f"priority is {self.priority!r}; it must be a whole number.")
 
@@ -91,7 +95,7 @@ class Contact:
         """Put the parameters into a geom of a spec."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None:
+            if value is None or field.name == "dents":  # that is the plugin's
                 continue
             if field.name in LENGTHS:
                 getattr(geom, field.name)[: np.size(value)] = value

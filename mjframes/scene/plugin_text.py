@@ -57,6 +57,8 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "patch_point",
     "patch_weight",
     "patch_offset",
+    "patch_dent",
+    "patch_factor",
     "lattice_spacing",
     "lattice_axes",
     "lattice_origin",
@@ -78,7 +80,12 @@ ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is
 
 
 def configuration(
-    body: SoftBody, key: str, carried: Sequence[Carrier], branch: np.ndarray, patches: Sequence[Patch]
+    body: SoftBody,
+    key: str,
+    carried: Sequence[Carrier],
+    branch: np.ndarray,
+    patches: Sequence[Patch],
+    dents: bool,
 ) -> dict[str, str]:
     """Return what the plugin reads, by key.
 
@@ -86,7 +93,7 @@ def configuration(
 
     carried: in the order of the model's bodies.  branch: (k,) of the kinematic tree, 0 where it is the soft body's.
 
-    patches: in the order of the model's geoms; none for no contact.
+    patches: in the order of the model's geoms; none for no contact.  dents: whether contacts make dents.
     """
     stiffness, control = body.stiffness, body.control
     rest, offset, mass = control.rest.copy(), np.zeros_like(control.rest), np.zeros(len(control.mass))
@@ -123,7 +130,7 @@ def configuration(
     if body.mass_difference:
         parts = zip(body.mass_difference, stiffness.points, strict=True)
         values["region_mass"] = encode(np.concatenate([lower_triangle(uncoupled(D, branch[p])) for D, p in parts]))
-    return values | (_contact(body, patches) if patches else {})
+    return values | (_contact(body, patches, dents) if patches else {})
 
 
 def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
@@ -207,7 +214,7 @@ def enlargement(branch: np.ndarray) -> float:
     return max(1.0, 0.75 * len(np.unique(branch)))
 
 
-def _contact(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
+def _contact(body: SoftBody, patches: Sequence[Patch], dents: bool) -> dict[str, str]:
     weights = body.contact.weights.toarray()
     sizes = [np.bincount(body.contact.cluster[patch.spheres]) for patch in patches]
     values = {
@@ -220,12 +227,26 @@ def _contact(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
             np.concatenate([weights[np.ix_(patch.spheres, patch.points)].T.ravel() for patch in patches])
         ),
     }
+    if dents:
+        values |= _dents(body, patches)
     offset = body.contact.centers - body.contact.weights @ body.control.rest
     if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.centers, axis=0).max():
         # the deformed volume is not Σ_j W_j x_j: such a body touches with its vertices only
         values["patch_offset"] = encode(np.concatenate([offset[patch.spheres].T.ravel() for patch in patches]))
         return values
     return values | _distance_field(body, patches)
+
+
+def _dents(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
+    """The dents below each cluster: width [m], softness [1/√Pa], thickness [m], and which factor they follow."""
+    below, means, first = body.contact.dents, [], []
+    for patch in patches:
+        clusters = body.contact.cluster[patch.spheres]
+        count = np.bincount(clusters)
+        values = (some[patch.spheres] for some in (below.width, below.softness, below.thickness))
+        means.append(np.column_stack([np.bincount(clusters, some) / count for some in values]).ravel())
+        first.append(body.factor_of[below.material[patch.spheres[np.unique(clusters, return_index=True)[1]]]])
+    return {"patch_dent": encode(np.concatenate(means).astype(np.float32)), "patch_factor": encode(np.concatenate(first))}
 
 
 def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:

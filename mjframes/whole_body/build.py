@@ -24,7 +24,8 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
-from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
+from mjframes.whole_body.error import BodyError, LoadCases, coordinates, Pushed, load_cases, measured, probes
+from mjframes.whole_body.probes import Probes, missing, probed
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
 from mjframes.whole_body.regions import bone_frames, regions_of
@@ -42,12 +43,14 @@ class FiniteElements:
     held: how many pieces are.
     cases: loads.
     exact: (n, 3, c) float32, how they move the voxels [m], in volume coordinates.
+    probes: small pushes.
     """
 
     solver: BodySolver
     held: int
     cases: LoadCases
     exact: NDArray[np.float32]
+    probes: Probes
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,7 @@ class Condensed:
     error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
     cells: where a hyperelastic law is evaluated, None for the corotational one.
+    pushed, missing: where small pushes are, and how much farther finite elements give way there [m/N], see `probes`.
     """
 
     stiffness: Stiffness
@@ -70,6 +74,8 @@ class Condensed:
     error: BodyError
     where: Array
     cells: Cells | None
+    pushed: Pushed
+    missing: Array
 
 
 def finite_elements(
@@ -78,10 +84,14 @@ def finite_elements(
     """Return the finite elements on the voxels, of which `cores` are held. progress: called with what is being done."""
     progress("solving the finite elements")
     solver, cases = body_solver(grid, cores), load_cases(grid, cores)
+    small, pushed = probes(grid, cores)
     axes = grid.axes.astype(np.float32)
-    force = np.einsum("ba,vbc->vac", axes, cases.force)
+    force = np.einsum("ba,vbc->vac", axes, np.concatenate([cases.force, small], axis=2))
     moved = displacements(solver, force, _counted("solving the finite elements", progress))
-    return FiniteElements(solver, len(cores), cases, np.einsum("ab,vbc->vac", axes, moved))
+    exact = np.einsum("ab,vbc->vac", axes, moved)
+    count = cases.force.shape[2]
+    of_probes = probed(grid, small, pushed, exact[:, :, count:])
+    return FiniteElements(solver, len(cores), cases, exact[:, :, :count].copy(), of_probes)
 
 
 def whole_body(
@@ -117,14 +127,15 @@ def whole_body(
     change, lifted = _followed(grid, shapes, plain, element, covariance, stiffness, region, blocks)
     corrected = sparse.csr_array(plain + change)
     x = coordinates(plain, corrected, covariance, finite.cases)
-    moved = displaced(lifted, stiffness, region, x)
-    moved += (corrected @ x.reshape(len(control.frame), -1)).reshape(moved.shape)
-    error, where = measured(grid, finite.cases, finite.exact, moved)
+    moved = (corrected @ x.reshape(len(control.frame), -1)).reshape(finite.exact.shape)
+    below = missing(grid, finite.probes, corrected, covariance)
+    error, where = measured(grid, finite.cases, finite.exact, moved + displaced(lifted, stiffness, region, x))
     some = None
     if laws:
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
-    return Condensed(stiffness, region, ShapeFunctions(shapes.weights, control, change), lifted, error, where, some)
+    shapes = ShapeFunctions(shapes.weights, control, change)
+    return Condensed(stiffness, region, shapes, lifted, error, where, some, finite.probes.pushed, below)
 
 
 def _followed(

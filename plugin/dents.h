@@ -1,0 +1,47 @@
+// How far flesh gives way below its contacts, beyond what its frames show: a local compliance of the contact rows.
+//
+// Forces f_j along the normals n_j of a soft body's contacts make dents u_i = Σ_j c_ij f_j below them. This is the
+// half-space's response to a pressure spread as a Gaussian of variance t around each contact, less what of it is smooth
+// over the width ℓ, which the frames have already. With r = |x_i − x_j| and s = t_i + t_j
+//
+//   c_ij = β_i β_j (n_i · n_j) [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)],   G(q) = erf(r / √(2q)) / r,   β² = (1 − ν²) / (πE)
+//
+// with β² less by 1 − δ/t where the flesh is t thick: a pressed sheet does not give way for ever.
+// Its Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own spring of
+// a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are those of
+//
+//   0 ≤ f ⟂ (C + diag(R / (k imp))) f − δ ≥ 0
+//
+// A row keeps its R, and gets the spring that answers its penetration with f_i. The energy of the dents,
+// max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
+// MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
+// Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
+
+#ifndef MJFRAMES_PLUGIN_DENTS_H_
+#define MJFRAMES_PLUGIN_DENTS_H_
+
+#include <mujoco/mujoco.h>
+
+#include "linear.h"
+
+namespace mjframes {
+
+// Of flesh below a place of the surface.
+struct Dent {
+  double width = 0;      // ℓ [m]
+  double softness = 0;   // β [1/√Pa]; 0 where nothing gives way
+  double thickness = 0;  // of the body [m]; what is as deep as that gives way no more
+};
+
+// Of a contact.
+struct ContactDents {
+  double variance;  // of its pressure, along the surface [m²]
+  Dent side[2];     // of each geom
+};
+
+// Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.
+void SetDents(const mjModel* m, mjData* d, const ContactDents* dents);
+
+}  // namespace mjframes
+
+#endif  // MJFRAMES_PLUGIN_DENTS_H_

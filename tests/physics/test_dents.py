@@ -1,0 +1,139 @@
+"""Where something presses, flesh gives way as finite elements do: dents beyond what the frames show."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from builders.punch import punch_stiffness
+from builders.scenes import TILTED, compiled
+from builders.stacked import block
+from mjframes.body.build import build
+from mjframes.body.soft_body import SoftBody
+from mjframes.frames.supports import Fixed
+from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
+from mjframes.scene.scaling import scale
+from mjframes.scene.view import soft, soft_names
+from mjframes.surface.dents import dents
+from mjframes.volume.grid import voxel_grid
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+EDGE = """<worldbody>
+  <geom type="plane" size="1 1 .1"/><geom type="box" size=".05 .1 .05" pos=".05 0 .05"/>
+</worldbody></mujoco>"""
+YOUNG, POISSON, SPACING = 1e5, 0.45, 0.005
+WIDTH, THICK = 0.1, 0.02  # [m] of a gripper's pad, glued at its base
+
+
+@cache
+def pad(frames: int, young: float = YOUNG) -> SoftBody:
+    labels = np.ones((20, 20, 5), np.uint8)
+    held = np.zeros(labels.shape, bool)
+    held[:, :, 0] = True
+    volume = Volume.from_labels(labels, SPACING, {1: Material(young, POISSON, 1000)}, origin=(0, 0, -SPACING))
+    return build(volume, frames, supports=Fixed(held), damping=(0, 0.02))
+
+
+def pressed(body: SoftBody, half: float, force: float, contact: Contact, timestep: float = 0.002, factor: float = 1) -> float:
+    """How deep a square punch comes to rest [m], below where the voxels end."""
+    cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity, spec.option.cone = timestep, (0, 0, 0), cone
+    attach(spec, body, "pad", contact=contact)
+    punch = spec.worldbody.add_body(name="punch", pos=(WIDTH / 2, WIDTH / 2, THICK + 0.0305))
+    punch.add_joint(name="down", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, -1))
+    punch.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(half, half, 0.03), mass=0.1, condim=contact.condim or 3)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    scale(model, "pad", factor)
+    for step in range(round(3 / timestep)):
+        data.qfrc_applied[model.joint("down").dofadr] = force * min(1, step * timestep)
+        mujoco.mj_step(model, data)
+    assert np.abs(data.qvel).max() < 1e-4
+    return float(data.qpos[model.joint("down").qposadr[0]]) - 0.0005
+
+
+@pytest.fixture(scope="module")
+def exact() -> dict[float, float]:
+    """[N/m] of finite elements, by half the punch's width."""
+    return {half: punch_stiffness(WIDTH, THICK, half, YOUNG, POISSON, SPACING) for half in (0.01, 0.02)}
+
+
+@pytest.mark.parametrize("condim", [1, 3])
+@pytest.mark.parametrize("half", [0.01, 0.02])
+@pytest.mark.parametrize("frames", [1, 5])
+def test_a_punch_goes_as_deep_as_in_finite_elements(
+    frames: int, half: float, condim: int, exact: dict[float, float]
+) -> None:
+    stiffness = {}
+    for on in (True, False):
+        depth = [pressed(pad(frames), half, exact[half] * x, Contact(condim=condim, dents=on)) for x in (5e-4, 1.5e-3)]
+        stiffness[on] = exact[half] * 1e-3 / (depth[1] - depth[0])
+    # a punch four voxels wide has hardly more vertices below it than corners
+    assert stiffness[True] == pytest.approx(exact[half], rel=0.15 if half > 0.01 else 0.6)
+    assert stiffness[False] > 2.5 * exact[half]
+
+
+def test_a_dent_hardly_depends_on_the_step() -> None:
+    """What is left is MuJoCo's own spring of the contact, in series."""
+    depths = [pressed(pad(1), 0.02, 20, Contact(condim=1, dents=True), timestep) for timestep in (0.004, 0.002, 0.0005)]
+    np.testing.assert_allclose(depths, depths[-1], rtol=0.06)
+
+
+def test_dents_are_narrower_with_more_frames() -> None:
+    widths = [np.median(pad(frames).contact.dents.width) for frames in (1, 5)]
+    assert widths[1] < 0.8 * widths[0]
+
+
+def test_the_softness_of_a_dent_is_that_of_the_half_space_of_the_material_there() -> None:
+    labels = np.ones((4, 4, 4), np.uint8)
+    labels[:, :, 2:] = 2
+    materials = {1: Material(1e4, 0.3, 1000), 2: Material(1e6, 0.45, 1000)}
+    grid = voxel_grid(Volume.from_labels(labels, 0.01, materials))
+    places: NDArray[np.float64] = np.array([[0.02, 0.02, 0.0], [0.02, 0.02, 0.04]])
+    found = dents(grid, places, np.array([[0, 0, -1.0], [0, 0, 1.0]]), 1)
+    expected = [(1 - 0.3**2) / (np.pi * 1e4), (1 - 0.45**2) / (np.pi * 1e6)]
+    np.testing.assert_allclose(found.softness**2, expected, rtol=1e-12)
+    np.testing.assert_allclose(found.width, 0.29 * 0.04, rtol=1e-12)
+    np.testing.assert_allclose(found.thickness, 0.04, atol=0.01)
+    np.testing.assert_array_equal(found.material, [0, 1])
+
+
+def test_a_factor_of_the_stiffness_is_as_good_as_a_stiffer_material() -> None:
+    contact = Contact(condim=1, dents=True)
+    scaled = pressed(pad(1), 0.02, 30, contact, factor=3)
+    assert scaled == pytest.approx(pressed(pad(1, 3 * YOUNG), 0.02, 30, contact), rel=1e-3)
+
+
+def test_flesh_gives_way_less_the_deeper_it_is_pressed() -> None:
+    contact = Contact(condim=1, dents=True)
+    assert pressed(pad(1), 0.02, 300, contact) < 0.95 * 3 * pressed(pad(1), 0.02, 100, contact)
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("young", [1e4, 1e6])
+def test_a_block_that_falls_on_an_edge_and_one_on_it_make_no_energy(young: float, cone: str) -> None:
+    scene = f'<mujoco><option cone="{cone}" timestep="0.002"/>' + EDGE
+    bodies = [(block((6, 6, 4), 0.01, 1000, young=young), (0, 0, z), TILTED) for z in (0.15, 0.25)]
+    model, data = compiled(scene, *bodies, contact=Contact(dents=True))
+    views = [soft(model, data, name) for name in soft_names(model)]
+
+    def energy() -> float:
+        mujoco.mj_energyPos(model, data)
+        return float(data.energy[0]) + sum(view.kinetic_energy + view.elastic_energy for view in views)
+
+    mujoco.mj_forward(model, data)
+    start = energy()
+    for _ in range(100):
+        mujoco.mj_step(model, data, 5)
+        mujoco.mj_forward(model, data)
+        assert energy() < start + 1e-3 * abs(start)
+    once = data.efc_aref.copy()
+    mujoco.mj_forward(model, data)
+    np.testing.assert_array_equal(data.efc_aref, once)  # springs are set, not scaled
