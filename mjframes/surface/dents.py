@@ -63,9 +63,7 @@ def dents(
     usual = WIDTH * (grid.cell_volume * len(grid.centers) / frames) ** (1 / 3)
     width = np.full(len(positions), usual)
     if missing is not None:
-        fitted = np.array(
-            [_fitted(grid, softness, usual, v, some) for v, some in zip(pushed, missing, strict=True)]
-        )
+        fitted = np.array([_fitted(grid, softness, usual, v, some) for v, some in zip(pushed, missing, strict=True)])
         middle = np.array([grid.centers[v].mean(axis=0) for v in pushed])
         near = 1 / (cdist(positions, middle) + grid.spacing.min()) ** 2
         width = near @ fitted / near.sum(axis=1)
@@ -81,8 +79,8 @@ def _thickness(grid: Grid, positions: Array, normals: Array) -> Array:
         length[inside] += step
         place = (positions - length[:, None] * normals - grid.origin) @ grid.axes / grid.spacing
         index = np.floor(place).astype(np.int64)
-        there = ((index >= 0) & (index < grid.lookup.shape)).all(axis=1)
-        inside[inside] = there[inside] & (grid.lookup[tuple(index[inside].clip(0, np.array(grid.lookup.shape) - 1).T)] >= 0)
+        near = index.clip(0, np.array(grid.lookup.shape) - 1)
+        inside &= (near == index).all(axis=1) & (grid.lookup[tuple(near.T)] >= 0)
     return np.maximum(length, grid.spacing.min())
 
 

@@ -24,10 +24,10 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
-from mjframes.whole_body.error import BodyError, LoadCases, coordinates, Pushed, load_cases, measured, probes
-from mjframes.whole_body.probes import Probes, missing, probed
+from mjframes.whole_body.error import BodyError, LoadCases, Pushed, coordinates, load_cases, measured, probes
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
+from mjframes.whole_body.probes import Probes, missing, probed
 from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import Superelement, superelement

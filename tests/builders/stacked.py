@@ -13,7 +13,9 @@ from mjframes.volume.volume import Volume
 
 
 @cache
-def block(shape: tuple[int, int, int], spacing: float, density: float, beta: float = 0.0, young: float = 1e5) -> SoftBody:
+def block(
+    shape: tuple[int, int, int], spacing: float, density: float, beta: float = 0.0, young: float = 1e5
+) -> SoftBody:
     labels = np.ones(shape, int)
     volume = Volume.from_labels(labels, spacing, {1: Material(young, 0.3, density)})
     return build(volume, 3, damping=(0.0, beta))

@@ -7,11 +7,11 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-
 from builders.punch import punch_stiffness
 from builders.scenes import TILTED, compiled
 from builders.stacked import block
+from numpy.typing import NDArray
+
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Fixed
@@ -40,7 +40,9 @@ def pad(frames: int, young: float = YOUNG) -> SoftBody:
     return build(volume, frames, supports=Fixed(held), damping=(0, 0.02))
 
 
-def pressed(body: SoftBody, half: float, force: float, contact: Contact, timestep: float = 0.002, factor: float = 1) -> float:
+def pressed(
+    body: SoftBody, half: float, force: float, contact: Contact, timestep: float = 0.002, factor: float = 1
+) -> float:
     """How deep a square punch comes to rest [m], below where the voxels end."""
     cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec = mujoco.MjSpec()
