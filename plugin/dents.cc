@@ -16,10 +16,10 @@ constexpr double kPi = 3.14159265358979323846;
 // A contact that is pressed.
 struct Pressed {
   int contact, row;
-  int body[2];     // instance of the soft body on each side that makes a dent, −1 where there is none
-  double spring;   // k imp / R of MuJoCo's own [N/m]
-  double gap;      // δ [m]
-  double force;    // f [N]
+  int body[2];    // instance of the soft body on each side that makes a dent, −1 where there is none
+  double spring;  // k imp / R of MuJoCo's own [N/m]
+  double gap;     // δ [m]
+  double force;   // f [N]
 };
 
 // [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)] at distance r [1/m]

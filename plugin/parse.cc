@@ -206,8 +206,8 @@ std::vector<QuadratureRegion> ReadQuadrature(const std::vector<Coupling>& coupli
   return regions;
 }
 
-std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points,
-                               int factors, Reader* reader) {
+std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector<ControlPoint>& points, int factors,
+                               Reader* reader) {
   constexpr char kMismatch[] = "its patch arrays do not match each other";
   std::vector<Patch> patches;
   for (int geom = 0; geom < m->ngeom; geom++) {

@@ -44,8 +44,8 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
 }
 
 // Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
-// those that are `reach` above the deepest have none; of a dent, those that are half as deep. Returns the distance of the pressure centre; mjMAXVAL and no
-// shares if nothing is near.
+// those that are `reach` above the deepest have none; of a dent, those that are half as deep. Returns the distance of
+// the pressure centre; mjMAXVAL and no shares if nothing is near.
 double ShareOut(double* distance, int begin, int end, double reach, bool dents) {
   const double deepest = ExtremesOf(distance + begin, end - begin).least;
   if (deepest == mjMAXVAL) {
@@ -201,7 +201,8 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
       of_vertex[met->number] = met;
     }
     if (near) {
-      Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, {}, 0};
+      Touch touch = {
+          ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, {}, 0};
       for (int s = begin; s < end && touch.distance < margin; s++) {
         if (share[s] == 0) continue;
         touch.position = touch.position + share[s] * of_vertex[s]->place;
@@ -271,7 +272,8 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
     } else if (contact.model().has_volume) {
       const double height = std::max(0.0, margin) + kBlend * radius + ball;  // what is higher has no share in a contact
       const MetPoints found = contact.meetings()->FindFeatures(m, d, rigid, soft.room, height);
-      count += FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, kBlend * radius, margin, out + count);
+      count += FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, kBlend * radius, margin,
+                              out + count);
     }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {

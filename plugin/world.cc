@@ -105,7 +105,8 @@ void World::Step(const mjModel* m, mjData* d) {
   const bool dents = d->ncon > 0 && HasRoom(d, d->ncon * sizeof(ContactDents) / sizeof(mjtNum));
   ContactDents* of_contact = nullptr;
   if (dents) {
-    of_contact = static_cast<ContactDents*>(mj_stackAllocByte(d, d->ncon * sizeof(ContactDents), alignof(ContactDents)));
+    of_contact =
+        static_cast<ContactDents*>(mj_stackAllocByte(d, d->ncon * sizeof(ContactDents), alignof(ContactDents)));
   }
   WriteContactRows(m, d, &contact_rows_, of_contact);
   rows_.Finish(m, d, of_contact, starts);

@@ -268,8 +268,8 @@ def _surfaces(
     spheres, weights = spheres.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, spheres, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
-    pushes = (condensed.pushed, condensed.missing) if condensed else ()
-    below = dents(grid, spheres.positions, spheres.normals, frames, *pushes)
+    pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
+    below = dents(grid, spheres.positions, spheres.normals, frames, pushed, missing)
     contact = ContactSpheres(spheres.positions, spheres.radius, patches.patch, patches.cluster, weights, below)
     return skin, contact, field
 

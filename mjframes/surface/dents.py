@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 from scipy.special import erf
 
@@ -67,7 +67,7 @@ def dents(
         middle = np.array([grid.centers[v].mean(axis=0) for v in pushed])
         near = 1 / (cdist(positions, middle) + grid.spacing.min()) ** 2
         width = near @ fitted / near.sum(axis=1)
-    voxel = cKDTree(grid.centers).query(positions)[1]
+    voxel = KDTree(grid.centers).query(positions)[1]
     return Dents(width, softness[voxel], _thickness(grid, positions, normals), grid.material[voxel].astype(np.int32))
 
 
@@ -104,7 +104,7 @@ def _fitted(grid: Grid, softness: Array, usual: float, voxels: NDArray[np.intege
     return float(np.sqrt(low * high) / SEEN)
 
 
-def _spread(r: Array, q: float) -> Array:
+def _spread(r: NDArray[np.floating], q: float) -> Array:
     """G."""
     x = r / np.sqrt(2 * q)
     return np.where(x > 0, erf(x) / np.where(x > 0, r, 1), np.sqrt(2 / (np.pi * q)))

@@ -56,7 +56,7 @@ def missing(
     """Return c (p,) [m/N] of frames that move the voxels by `functions` (n, k), with the compliance K⁺ (3k, 3k)."""
     n, _, count = probes.force.shape
     x = covariance @ (functions.T @ probes.force.reshape(n, -1)).reshape(-1, count)
-    x = x.reshape(functions.shape[1], 3 * count)
+    x = x.reshape(-1, 3 * count)
     values = np.zeros(count)
     for p, (pushed, around) in enumerate(zip(probes.pushed, probes.around, strict=True)):
         near = np.concatenate([pushed, around])
