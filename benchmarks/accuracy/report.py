@@ -36,7 +36,7 @@ from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
 
 COMMAND = "benchmarks.accuracy.report"
-MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that the README shows
+MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that README and docs show
 HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0, brings it in"
 
 

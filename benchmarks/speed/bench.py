@@ -179,7 +179,7 @@ def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str 
 
     builds = {one.size.frames: one.processor for one in buildings if one.size.samples is None}
     table = readme_table(speeds, builds, {size.frames: numbers for size, numbers in PAPER.items()})
-    console.print(f"\nThe README's table:\n{table}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"\nThe table of docs/speed.md:\n{table}", highlight=False, soft_wrap=True, markup=False)
     if picture:
         draw_steps(speeds, picture)
         console.print(f"\n{picture} shows them.", highlight=False)

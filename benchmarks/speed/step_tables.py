@@ -1,4 +1,4 @@
-"""What the bench shows of steps: tables for the terminal, the table of the README, its picture."""
+"""What the bench shows of steps: tables for the terminal, the table of docs/speed.md, the picture of the README."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def profile_table(profiles: Mapping[int, Mapping[str, float]]) -> Table:
 def readme_table(
     speeds: Sequence[Speed], builds: Mapping[int, float], papers: Mapping[int, tuple[float, float]]
 ) -> str:
-    """Return the README's table, in Markdown.
+    """Return the table of docs/speed.md, in Markdown.
 
     builds: seconds of all processors together, by frames.
     papers: seconds to initialize and frames a second, by frames.
