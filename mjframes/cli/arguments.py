@@ -175,7 +175,11 @@ def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -
     command.add_argument(
         "--seed", type=seed, default=0, metavar="N", help="of the frame placement (default %(default)s)"
     )
-    command.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    touching = command.add_mutually_exclusive_group()
+    touching.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    touching.add_argument(
+        "--dents", action="store_true", help="let the flesh below a contact give way as finite elements say"
+    )
     command.set_defaults(piece=None)
     command.set_defaults(building={name: command.get_default(name) for name in BUILDING})
 

@@ -139,11 +139,13 @@ def _build(arguments: argparse.Namespace) -> int:
 
     from mjframes.base.files import replacing
     from mjframes.body.soft_body import is_soft_body
+    from mjframes.scene.contact import Contact
     from mjframes.scene.scene_file import bounds, fragment, scene_with, standalone_scene, write_scene
     from mjframes.scene.solver import advice
 
     start = time.perf_counter()
     console = Console(stderr=True)
+    contact = Contact(dents=True) if arguments.dents else arguments.contact
     with replacing(output, "the output") as partial, console.status("reading") as status:
         built = any(map(is_soft_body, arguments.volume))
         body = _loaded(arguments) if built else _built(arguments, status.update)
@@ -152,11 +154,11 @@ def _build(arguments: argparse.Namespace) -> int:
             if arguments.into:
                 place = (arguments.name, arguments.parent, arguments.pos, arguments.quat)
                 with printed_notices():
-                    spec = scene_with(body, arguments.into, *place, arguments.contact)
+                    spec = scene_with(body, arguments.into, *place, contact)
             elif arguments.fragment:
-                spec = fragment(body, arguments.name, arguments.contact)
+                spec = fragment(body, arguments.name, contact)
             else:
-                spec = standalone_scene(body, body.fields.volume, arguments.name, arguments.contact)
+                spec = standalone_scene(body, body.fields.volume, arguments.name, contact)
             model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             if isinstance(error, MjframesError):

@@ -15,6 +15,7 @@ import numpy as np
 from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
 from mjframes.scene.load import load_scene
 from mjframes.scene.plugin_text import SEPARATOR
 from mjframes.scene.skins import WEIGHT_UNITS
@@ -27,7 +28,9 @@ ROOM = 1.15  # [-] of the ball around the body that the camera has in view: what
 BACK = np.array([0.0, -0.8, 0.6])  # unit vector from the body to the camera
 
 
-def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact: bool = True) -> mujoco.MjSpec:
+def standalone_scene(
+    body: SoftBody, volume: Volume, name: str = "soft", contact: bool | Contact = True
+) -> mujoco.MjSpec:
     """Return a spec in which `body`, made from `volume`, falls on a floor from a quarter of its size."""
     lower, upper = bounds(volume)
     size = float((upper - lower).max())
@@ -62,7 +65,7 @@ def standalone_scene(body: SoftBody, volume: Volume, name: str = "soft", contact
     return spec
 
 
-def fragment(body: SoftBody, name: str = "soft", contact: bool = True) -> mujoco.MjSpec:
+def fragment(body: SoftBody, name: str = "soft", contact: bool | Contact = True) -> mujoco.MjSpec:
     """Return a spec of `body` alone, for MJCF's <attach>: `<attach model="steak" body="soft" prefix="left_"/>`."""
     spec = mujoco.MjSpec()
     spec.modelname = name
@@ -77,7 +80,7 @@ def scene_with(
     parent: str,
     pos: Sequence[float],
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-    contact: bool = True,
+    contact: bool | Contact = True,
 ) -> mujoco.MjSpec:
     """Return the spec of a scene (.xml) with `body` in it, at `pos` [m], `quat` of the scene's body `parent`.
 
