@@ -13,6 +13,7 @@ from builders.scenes import FLOOR, beam
 from mjframes.base.constants import FORMAT_VERSION
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
 from mjframes.scene.plugin_text import decode, encode
 
 PRINTABLE = (0.8, 0.0, -0.6, 0.0)  # MuJoCo saves six digits
@@ -25,7 +26,7 @@ def saved_beam() -> str:
 
 def saved(body: SoftBody) -> str:
     spec = mujoco.MjSpec.from_string(FLOOR)
-    attach(spec, body, "soft0", pos=(0, 0, 0.1), quat=PRINTABLE)
+    attach(spec, body, "soft0", pos=(0, 0, 0.1), quat=PRINTABLE, contact=Contact(dents=True))
     spec.compile()
     return spec.to_xml()
 

@@ -21,6 +21,7 @@ from mjframes.base.files import cache_directory, replacing
 from mjframes.body.build import build
 from mjframes.scene import plugin
 from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
 from mjframes.scene.sensors import add_sensor
 from mjframes.volume.volume import Volume
 
@@ -122,7 +123,7 @@ def crowded(path: Path) -> Path:
     spec = mujoco.MjSpec.from_string(SCENE)
     turning = block("neo_hookean", frame_type=("rigid", "affine", "rigid"))
     steak = Volume.load(Path(__file__).parents[2] / "models" / "steak.npz")
-    attach(spec, build(steak, 3), "steak", pos=(0, 0, 0.055))
+    attach(spec, build(steak, 3), "steak", pos=(0, 0, 0.055), contact=Contact(dents=True))
     attach(spec, beam(), "beam", pos=(0.2, 0.1, 0.0))
     attach(spec, lump(0.5, 0.001), "lump", pos=(-0.4, 0.1, -0.3))
     add_sensor(spec, beam(), "beam", "elastic_energy")
@@ -134,7 +135,7 @@ def crowded(path: Path) -> Path:
     add_sensor(spec, bar("arruda_boyce", "whole_body"), "bar", "elastic_energy")
     for quantity in ("strain", "position", "velocity"):
         add_sensor(spec, turning, "block", quantity, [[0.06, 0.02, 0.02]])
-    attach(spec, beam(beta=0.001), "upper", pos=(0.21, 0.11, 0.039))
+    attach(spec, beam(beta=0.001), "upper", pos=(0.21, 0.11, 0.039), contact=Contact(dents=True))
     spec.compile()
     path.write_text(spec.to_xml())
     return path

@@ -79,7 +79,7 @@ def test_a_saved_scene_can_be_attached_with_a_prefix() -> None:
     place.attach_body(inner.body("soft0"), "left_", "")
     model = outer.compile()
     attached = soft(model, mujoco.MjData(model), "left_soft0")
-    direct = soft(*compiled(FLOOR, (beam(beta=0.001), (0, 0, 0.1), PRINTABLE)), "soft0")
+    direct = soft(*compiled(FLOOR, (beam(beta=0.001), (0, 0, 0.1), PRINTABLE), contact=Contact(dents=True)), "soft0")
     contacts = 0
     for _ in range(150):
         for view in (attached, direct):
