@@ -15,6 +15,7 @@ from builders.scenes import FLOOR, compiled, lump
 from builders.shapes import mixed
 
 from mjframes.base import archive
+from mjframes.base.constants import BODY_VERSION
 from mjframes.base.errors import MjframesError
 from mjframes.base.packing import lower_triangle
 from mjframes.body.soft_body import SoftBody
@@ -103,7 +104,7 @@ def test_an_array_is_no_soft_body(saved: Path) -> None:
 
 
 def test_another_version_is_refused(saved: Path) -> None:
-    with pytest.raises(MjframesError, match=r"format version 99, this mjframes reads 5; build it again"):
+    with pytest.raises(MjframesError, match=f"format version 99, this mjframes reads {BODY_VERSION}; build it again"):
         SoftBody.load(rewritten(saved, {"version": np.array(99)}))
 
 
