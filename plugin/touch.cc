@@ -71,13 +71,14 @@ double ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   return mean / total;
 }
 
-// Makes a direction and a place of the sums over what touches, balls of this radius. False where opposite normals
+// Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
+// places, by share. False where opposite normals
 // cancel, as where a thin geom is between the vertices: no direction, no contact.
-bool Settle(double radius, Touch* touch) {
+bool Settle(double radius, double square, Touch* touch) {
   const double length = Norm(touch->normal);
   if (!(length > mjMINVAL)) return false;
   touch->normal = (1 / length) * touch->normal;
-  touch->variance = std::max(0.0, touch->variance - 0.5 * Dot(touch->position, touch->position));
+  touch->variance = static_cast<float>(std::max(0.0, 0.5 * (square - Dot(touch->position, touch->position))));
   touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
   return true;
 }
@@ -108,16 +109,17 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     end += size;
     other.Distances(vertices, n, begin, end, share);
     for (int s = begin; s < end; s++) share[s] -= radius;
-    Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, {}, 0};
+    Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
+    double square = 0;
     if (!(touch.distance < margin)) continue;
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
       const Vec3 p = Vertex(vertices, n, s);
       touch.position = touch.position + share[s] * p;
-      touch.variance += 0.5 * share[s] * Dot(p, p);
+      square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(radius, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
+    if (!Settle(radius, square, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
     out[count++] = touch;
   }
   return count;
@@ -141,9 +143,9 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
 // Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
 int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
   const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
-  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, {}, 0};
+  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, 0, {}};
   if (!soft.Distance(touch.position, true, &touch.xi, &touch.distance, &touch.normal)) return 0;
-  if (!(touch.distance < margin) || !Settle(0, &touch)) return 0;
+  if (!(touch.distance < margin) || !Settle(0, 0, &touch)) return 0;
   *out = touch;
   return 1;
 }
@@ -166,14 +168,15 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
     if (size == 0) continue;
     const double distance = ShareOut(share, 0, size, reach, dents);
     if (!(distance < margin)) continue;
-    Touch touch = {distance, {}, {}, -1, 0, 0, {}, 0};
+    Touch touch = {distance, {}, {}, -1, 0, 0, 0, {}};
+    double square = 0;
     for (int i = 0; i < size; i++) {
       touch.position = touch.position + share[i] * near[i]->place;
-      touch.variance += 0.5 * share[i] * Dot(near[i]->place, near[i]->place);
+      square += share[i] * Dot(near[i]->place, near[i]->place);
       touch.normal = touch.normal + share[i] * near[i]->normal;
       touch.xi = touch.xi + share[i] * near[i]->xi;
     }
-    if (Settle(radius, &touch)) out[count++] = touch;
+    if (Settle(radius, square, &touch)) out[count++] = touch;
   }
   return count;
 }
@@ -202,14 +205,15 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
     }
     if (near) {
       Touch touch = {
-          ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, {}, 0};
+          ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
+      double square = 0;
       for (int s = begin; s < end && touch.distance < margin; s++) {
         if (share[s] == 0) continue;
         touch.position = touch.position + share[s] * of_vertex[s]->place;
-        touch.variance += 0.5 * share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
+        square += share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
-      if (touch.distance < margin && Settle(radius, &touch)) out[count++] = touch;
+      if (touch.distance < margin && Settle(radius, square, &touch)) out[count++] = touch;
     }
     begin = end;
   }

@@ -33,8 +33,8 @@ struct Touch {
   Vec3 normal;      // from the first geom to the second
   int side;         // of the vertices that touch, or −1 where features do
   int begin, end;   // those vertices
+  float variance;   // of what touches around the position, along one direction of the surface [m²]
   Vec3 xi;          // material point near the feature
-  double variance;  // of what touches around the position, along one direction of the surface [m²]
 };
 
 inline constexpr int kMaxTouches =
