@@ -28,6 +28,7 @@ from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 from mjframes.whole_body.error import coordinates, load_cases
 from mjframes.whole_body.following import assembled, compliance
+from mjframes.whole_body.pushes import free_surface
 
 Array = NDArray[np.float64]
 
@@ -70,7 +71,8 @@ def limb() -> Volume:
 def displacements(body: SoftBody, factors: Array | None = None) -> Array:
     """Return u (n, 3, c) [m] of the voxels under the load cases, with factors (M,) of the materials' moduli."""
     grid = voxel_grid(body.fields.volume)
-    cases = load_cases(grid, body.fields.seeds[: body.held])
+    cores = body.fields.seeds[: body.held]
+    cases = load_cases(grid, cores, free_surface(grid, cores))
     stiffness, k = body.stiffness, len(body.control.frame)
     if factors is not None:
         pairs = zip(stiffness.matrix, stiffness.shares, strict=True)

@@ -24,10 +24,11 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
-from mjframes.whole_body.error import BodyError, LoadCases, Pushed, coordinates, load_cases, measured, probes
+from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
 from mjframes.whole_body.following import assembled, compliance, correction
 from mjframes.whole_body.lifting import Lifting, displaced, lifting
-from mjframes.whole_body.probes import Probes, missing, probed
+from mjframes.whole_body.probes import Probes, missing, probed, probes
+from mjframes.whole_body.pushes import Pushed, free_surface
 from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import Superelement, superelement
@@ -83,8 +84,9 @@ def finite_elements(
 ) -> FiniteElements:
     """Return the finite elements on the voxels, of which `cores` are held. progress: called with what is being done."""
     progress("solving the finite elements")
-    solver, cases = body_solver(grid, cores), load_cases(grid, cores)
-    small, pushed = probes(grid, cores)
+    surface = free_surface(grid, cores)
+    solver, cases = body_solver(grid, cores), load_cases(grid, cores, surface)
+    small, pushed = probes(grid, cores, surface)
     axes = grid.axes.astype(np.float32)
     force = np.einsum("ba,vbc->vac", axes, np.concatenate([cases.force, small], axis=2))
     moved = displacements(solver, force, _counted("solving the finite elements", progress))

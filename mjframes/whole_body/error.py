@@ -19,21 +19,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import sparse
 
 from mjframes.base.rigid import motion_basis
 from mjframes.kinematics.control import ControlPoints, control_weights
 from mjframes.volume.grid import Grid
+from mjframes.whole_body.pushes import FAR, FreeSurface, balanced, pushes
 
 Array = NDArray[np.float64]
-Pushed = tuple[NDArray[np.int64], ...]  # voxels of each push
 
 CASES = 16  # so many load cases: as many as the solver takes at once
 PUSHED = 0.08  # [-] of the surface that a push covers
-PROBED = 0.015  # [-] of the surface that a probe covers
-FACING = 0.3  # [-] least cosine between the normals where it pushes: not on both sides of a plate
-FAR = 1.5  # [-] radii of a push within which the dent that it makes is not looked at
-SMOOTH = 1.5  # [voxels] over which normals are taken
 LARGE = 0.3  # [-] error beyond which a body needs advice
 ADVICE = " (more frames make it smaller, as do --error 0.15 or error=0.15, which find out how many)"
 
@@ -75,59 +71,21 @@ class LoadCases:
     far: NDArray[np.bool_]
 
 
-def load_cases(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> LoadCases:
-    """Return CASES load cases of a body of which the voxels `cores` are held."""
+def load_cases(grid: Grid, cores: Sequence[NDArray[np.integer]], surface: FreeSurface) -> LoadCases:
+    """Return CASES load cases of a body of which the voxels `cores` are held.  surface: what is free of it."""
     n = len(grid.index)
     mass = grid.density * grid.cell_volume
     weights = 3 if cores else 0
     force, far = np.zeros((n, 3, CASES), np.float32), np.ones((CASES, n), bool)
     for a in range(weights):
         force[:, a, a] = mass / mass.sum()
-    force[:, :, weights:], pushed = _pushes(grid, cores, PUSHED, CASES - weights)
+    force[:, :, weights:], pushed = pushes(grid, surface, PUSHED, CASES - weights)
     for c, voxels in enumerate(pushed, start=weights):
         middle = grid.centers[voxels].mean(axis=0)
         radius = np.linalg.norm(grid.centers[voxels] - middle, axis=1).max() + grid.spacing.max()
         far[c] = np.linalg.norm(grid.centers - middle, axis=1) > FAR * radius
     far[~far.any(axis=1)] = True  # a body so small that a push is everywhere
-    return LoadCases(force if cores else _carried(grid, force), weights, far)
-
-
-def probes(grid: Grid, cores: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.float32], Pushed]:
-    """Return CASES small pushes, as forces (n, 3, c) [N] and the voxels of each."""
-    force, pushed = _pushes(grid, cores, PROBED, CASES)
-    return force if cores else _carried(grid, force), pushed
-
-
-def _pushes(
-    grid: Grid, cores: Sequence[NDArray[np.integer]], share: float, count: int
-) -> tuple[NDArray[np.float32], Pushed]:
-    """Forces (n, 3, count) and voxels of pushes on so much of the free surface each, spread over it."""
-    force, chosen = np.zeros((len(grid.index), 3, count), np.float32), []
-    held = np.zeros(len(grid.index), bool)
-    held[np.concatenate([*cores, np.empty(0, np.int64)])] = True
-    surface = grid.outermost[~held[grid.outermost]]
-    place, normals = grid.points(surface), _normals(grid, surface)
-    voxels = max(1, round(share * len(surface)))
-    center, distance = int(np.argmax(np.linalg.norm(place - place.mean(axis=0), axis=1))), np.full(len(surface), np.inf)
-    for c in range(count):
-        away = np.linalg.norm(place - place[center], axis=1)
-        order = np.argsort(np.where(normals @ normals[center] > FACING, away, np.inf), kind="stable")[:voxels]
-        pushed = order[normals[order] @ normals[center] > FACING]
-        direction = normals[pushed].mean(axis=0)
-        force[surface[pushed], :, c] = -direction / np.linalg.norm(direction) / len(pushed)
-        chosen.append(surface[pushed])
-        distance = np.minimum(distance, away)
-        center = int(np.argmax(distance))
-    return force, tuple(chosen)
-
-
-def _carried(grid: Grid, force: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The forces (n, 3, c) on a body that is carried by its own inertia."""
-    motion = motion_basis(grid.centers)
-    inertia = np.repeat(grid.density * grid.cell_volume, 3)[:, None] * motion
-    flat = force.reshape(len(inertia), -1)
-    carried = np.linalg.lstsq(motion.T @ inertia, motion.T @ flat, rcond=None)[0]
-    return (flat - inertia @ carried).reshape(force.shape).astype(np.float32)
+    return LoadCases(force if cores else balanced(grid, force), weights, far)
 
 
 def expected(
@@ -188,15 +146,3 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
 def _without(motion: Array, field: Array) -> Array:
     flat = field.reshape(len(motion), -1)
     return (flat - motion @ (motion.T @ flat)).reshape(field.shape)
-
-
-def _normals(grid: Grid, voxels: NDArray[np.integer]) -> Array:
-    """(s, 3) outward, where the inside thins out; in volume coordinates."""
-    inside = np.pad((grid.lookup >= 0).astype(np.float32), 1)
-    smooth = np.asarray(ndimage.gaussian_filter(inside, SMOOTH, mode="constant"))
-    at = grid.index[voxels] + 1
-    sides = [(smooth[tuple((at + step).T)], smooth[tuple((at - step).T)]) for step in np.eye(3, dtype=int)]
-    slope = np.stack([beyond - before for beyond, before in sides], axis=1) / grid.spacing
-    thin = np.linalg.norm(slope * grid.spacing, axis=1) < 1e-3
-    slope[thin] = -np.eye(3)[np.argmin(grid.lookup.shape)]  # a sheet of one voxel: push on its face
-    return -(slope / np.linalg.norm(slope, axis=1, keepdims=True)) @ grid.axes.T

@@ -18,9 +18,11 @@ from scipy import sparse
 
 from mjframes.base.rigid import motion_basis
 from mjframes.volume.grid import Grid
-from mjframes.whole_body.error import Pushed
+from mjframes.whole_body.pushes import FAR, FreeSurface, Pushed, balanced, pushes
 
-FAR, RING = 1.5, 2.5  # [-] radii of a push, from its middle
+COUNT = 16  # as many as the solver takes at once
+SHARE = 0.015  # [-] of the surface that a probe covers
+RING = 2.5  # [-] radii of a push, from its middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,14 @@ class Probes:
     pushed: Pushed
     around: Pushed
     moved: Sequence[NDArray[np.float32]]
+
+
+def probes(
+    grid: Grid, cores: Sequence[NDArray[np.integer]], surface: FreeSurface
+) -> tuple[NDArray[np.float32], Pushed]:
+    """Return small pushes, as forces (n, 3, p) [N] and the voxels of each.  cores: held voxels."""
+    force, pushed = pushes(grid, surface, SHARE, COUNT)
+    return force if cores else balanced(grid, force), pushed
 
 
 def probed(grid: Grid, force: NDArray[np.float32], pushed: Pushed, moved: NDArray[np.floating]) -> Probes:
