@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from equilibrium import TIMED_STEP, release, seconds_per_step, seconds_to_rest, settle
-from side_by_side import batch_rate, integration_state
+from side_by_side import batch_rate, integration_state, mean_contacts, processor_seconds
 
 POINTS = 3  # [a voxel and axis] Gauss's points of its stiffness
 ORDER = {"full": 1, "trilinear": 1, "quadratic": 2}
@@ -263,34 +263,20 @@ class Scene:
         self.model = mujoco.MjModel.from_xml_string(xml)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_step(self.model, self.data, nstep=fall)
-        kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        self.state = np.zeros(mujoco.mj_stateSize(self.model, kind))
-        mujoco.mj_getState(self.model, self.data, self.state, kind)
+        self.state = integration_state(self.model, self.data)
         seconds = {}
         for solver in (mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtSolver.mjSOL_CG):
             self.model.opt.solver = solver
             seconds[solver] = min(self.seconds(steps) for _ in range(2))
         self.model.opt.solver = min(seconds, key=lambda solver: seconds[solver])
 
-    def restart(self) -> None:
-        mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
-
     def seconds(self, steps: int) -> float:
         """Return the processor time of so many steps [s]."""
-        self.restart()
-        start = time.thread_time()
-        mujoco.mj_step(self.model, self.data, nstep=steps)
-        return time.thread_time() - start
+        return processor_seconds(self.model, self.data, self.state, steps)
 
     def contacts(self, steps: int) -> tuple[float, float]:
         """Return the mean numbers of contacts and of the solver's iterations."""
-        self.restart()
-        contacts = iterations = 0
-        for _ in range(steps):
-            mujoco.mj_step(self.model, self.data)
-            contacts += self.data.ncon
-            iterations += int(self.data.solver_niter[: max(1, self.data.nisland)].max())
-        return contacts / steps, iterations / steps
+        return mean_contacts(self.model, self.data, self.state, steps)
 
 
 def _text(numbers: np.ndarray) -> str:

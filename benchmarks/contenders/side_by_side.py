@@ -23,6 +23,25 @@ def integration_state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return state
 
 
+def processor_seconds(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, steps: int) -> float:
+    """Return the processor time [s] of so many steps.  start: the state before them, of `integration_state`."""
+    mujoco.mj_setState(model, data, start, STATE)
+    before = time.thread_time()
+    mujoco.mj_step(model, data, nstep=steps)
+    return time.thread_time() - before
+
+
+def mean_contacts(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, steps: int) -> tuple[float, float]:
+    """Return the mean numbers of contacts and of the solver's iterations over so many steps."""
+    mujoco.mj_setState(model, data, start, STATE)
+    contacts = iterations = 0
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+        contacts += data.ncon
+        iterations += int(data.solver_niter[: max(1, data.nisland)].max())
+    return contacts / steps, iterations / steps
+
+
 def batch_rate(
     model: mujoco.MjModel, start: np.ndarray, worlds: int, threads: int, least: int, numerics: np.ndarray | None = None
 ) -> tuple[float, float]:

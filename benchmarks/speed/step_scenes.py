@@ -7,13 +7,13 @@ tree of bodies costs in MuJoCo, with as many contacts, between spheres and the f
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
 import numpy as np
 
+from benchmarks.contenders.side_by_side import integration_state, mean_contacts, processor_seconds
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.solver import choose_solver
@@ -76,23 +76,10 @@ class Run:
         return self.model.nv
 
     def step(self, steps: int) -> float:
-        self.restart()
-        start = time.thread_time()
-        mujoco.mj_step(self.model, self.data, nstep=steps)
-        return time.thread_time() - start
+        return processor_seconds(self.model, self.data, self.state, steps)
 
     def contacts(self, steps: int) -> tuple[float, float]:
-        self.restart()
-        contacts = iterations = 0
-        for _ in range(steps):
-            mujoco.mj_step(self.model, self.data)
-            contacts += self.data.ncon
-            iterations += int(self.data.solver_niter[: max(1, self.data.nisland)].max())
-        return contacts / steps, iterations / steps
-
-    def restart(self) -> None:
-        """Go back to the state where steps start."""
-        mujoco.mj_setState(self.model, self.data, self.state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return mean_contacts(self.model, self.data, self.state, steps)
 
 
 @dataclass(frozen=True)
@@ -203,9 +190,7 @@ def _start(name: str, frames: int, scene: str, contender: str, spec: mujoco.MjSp
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=FALL)
-    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-    return Run(name, frames, scene, contender, model, data, state)
+    return Run(name, frames, scene, contender, model, data, integration_state(model, data))
 
 
 def _top(scene: str, around: Extent) -> float:
