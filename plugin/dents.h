@@ -7,8 +7,10 @@
 //   c_ij = β_i β_j (n_i · n_j) [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)],   G(q) = erf(r / √(2q)) / r,   β² = (1 − ν²) / (πE)
 //
 // with β² less by 1 − δ/t where the flesh is t thick: a pressed sheet does not give way for ever.
-// Its Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own spring of
-// a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are those of
+//
+// The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own
+// spring of a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are
+// those of
 //
 //   0 ≤ f ⟂ (C + diag(R / (k imp))) f − δ ≥ 0
 //
@@ -40,7 +42,8 @@ struct ContactDents {
 };
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.
-void SetDents(const mjModel* m, mjData* d, const ContactDents* dents);
+// False, and nothing is set, where mjData's memory is too small.
+bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents);
 
 }  // namespace mjframes
 

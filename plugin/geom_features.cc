@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "constants.h"
 #include "interned.h"
 
 namespace mjframes {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 int Octant(const Vec3& p) { return (p[0] > 0) + 2 * (p[1] > 0) + 4 * (p[2] > 0); }
 
@@ -102,7 +101,7 @@ void Features::SetBox(const mjtNum* half) {
 
 void Features::AddCylinder(double radius, double half) {
   for (int step = 0; step < kRimPoints; step++) {
-    const double angle = 2 * kPi * (step + 0.5) / kRimPoints;
+    const double angle = 2 * std::numbers::pi * (step + 0.5) / kRimPoints;
     for (const double z : {-half, half}) {
       const Vec3 p = {radius * std::cos(angle), radius * std::sin(angle), z};
       Add(p, Octant(p));

@@ -89,6 +89,19 @@ std::vector<Vec3> RestVertices(const Patch& patch, const Kinematics& kinematics)
   return vertex;
 }
 
+// From each place to the nearest other one, root mean square; `alone` where there is no other [m].
+double Spacing(const std::vector<Vec3>& places, double alone) {
+  double sum = 0;
+  for (const Vec3& place : places) {
+    double nearest = mjMAXVAL;
+    for (const Vec3& other : places) {
+      if (const Vec3 offset = other - place; Norm(offset) > 0) nearest = std::min(nearest, Dot(offset, offset));
+    }
+    sum += nearest < mjMAXVAL ? nearest : alone * alone;
+  }
+  return std::sqrt(sum / static_cast<double>(places.size()));
+}
+
 }  // namespace
 
 PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, const Kinematics& kinematics,
@@ -160,14 +173,7 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
 void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
   const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
   walk = Walk(own, contact.patches[number].cluster);
-  for (const Vec3& vertex : own) {
-    double nearest = mjMAXVAL;
-    for (const Vec3& other : own) {
-      if (const Vec3 offset = other - vertex; Norm(offset) > 0) nearest = std::min(nearest, Dot(offset, offset));
-    }
-    spacing += nearest < mjMAXVAL ? nearest : contact.radius * contact.radius;
-  }
-  spacing = std::sqrt(spacing / static_cast<double>(own.size()));
+  if (contact.makes_dents()) spacing = Spacing(own, contact.radius);
   const DistanceField& field = contact.field;
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;

@@ -94,7 +94,8 @@ struct PatchVolume {
   // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and if it
   // is not solid, none of these from the nearest other one of the body; that is the contact radius at least.
   double cover = 0, spread = 0;
-  double spacing = 0;  // from each vertex to the nearest other one of the patch, at rest; root mean square [m]
+  // From each vertex to the nearest other one of the patch, at rest; root mean square [m]. Where contacts make dents.
+  double spacing = 0;
 };
 
 // The contact vertices that hang on one body, in clusters; never written after creation, so threads may read it.
@@ -125,6 +126,8 @@ struct ContactModel {
   // only.
   bool has_volume = false;
   DistanceField field;
+
+  bool makes_dents() const { return !patches.empty() && !patches[0].dent.empty(); }
 
   // What small is to the body [m]: a cube of the lattice, if it has one.
   double resolution() const { return has_volume ? field.spacing : radius; }

@@ -72,8 +72,8 @@ double ShareOut(double* distance, int begin, int end, double reach, bool dents) 
 }
 
 // Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
-// places, by share. False where opposite normals
-// cancel, as where a thin geom is between the vertices: no direction, no contact.
+// places, by share. False where opposite normals cancel, as where a thin geom is between the vertices: no direction, no
+// contact.
 bool Settle(double radius, double square, Touch* touch) {
   const double length = Norm(touch->normal);
   if (!(length > mjMINVAL)) return false;

@@ -465,8 +465,8 @@ bool Starts(const mjModel* m, const mjData* d) {
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
     : inertia_(m, std::move(marked)), dof_(m->nv), y_(kLanes * m->nv) {}
 
-void ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts) {
-  if (d->nefc == 0) return;
+bool ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts) {
+  if (d->nefc == 0) return true;
   inertia_.Start(m, d);
   MarkStack(d);
   starts = starts && HasRoom(d, d->nefc * sizeof(RowGroup) / sizeof(mjtNum));
@@ -488,10 +488,11 @@ void ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* den
       if (keeps) groups[count++] = group;
     }
   }
-  if (dents) SetDents(m, d, dents);
+  const bool dented = !dents || SetDents(m, d, dents);
   if (starts && count > 0 && HasRoom(d, StartsSize(m, d, count)))
     WriteStarts(m, d, groups, count, inertia_.sqrt_inverse().data());
   FreeStack(d);
+  return dented;
 }
 
 }  // namespace mjframes

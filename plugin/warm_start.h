@@ -33,8 +33,8 @@ class ConstraintRows {
 
   // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and the springs of
   // contacts that make dents, and writes d->qacc_warmstart. dents: of each contact, null where there are none.
-  // starts: what Starts said before anyone marked mjData's stack.
-  void Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts);
+  // starts: what Starts said before anyone marked mjData's stack. False where mjData has no memory for the dents.
+  bool Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts);
 
  private:
   RowInertia inertia_;

@@ -42,6 +42,7 @@ World::World(const mjModel* m, std::vector<std::unique_ptr<SoftBody>> bodies)
     of_instance_[body->instance()] = body.get();
     adds_ = adds_ || (model.changes_inertia && !model.kinematics.replaces());
     touches_ = touches_ || !model.contact.patches.empty();
+    dents_ = dents_ || model.contact.makes_dents();
   }
 }
 
@@ -102,15 +103,19 @@ void World::Step(const mjModel* m, mjData* d) {
   // rows: of each contact tᵀ Σ_j ω_j J_j, then the impedance of all for the inertia as it is now, and their forces
   const bool starts = Starts(m, d);
   MarkStack(d);
-  const bool dents = d->ncon > 0 && HasRoom(d, d->ncon * sizeof(ContactDents) / sizeof(mjtNum));
-  ContactDents* of_contact = nullptr;
-  if (dents) {
-    of_contact =
-        static_cast<ContactDents*>(mj_stackAllocByte(d, d->ncon * sizeof(ContactDents), alignof(ContactDents)));
+  ContactDents* dents = nullptr;
+  const bool has_room = HasRoom(d, d->ncon * sizeof(ContactDents) / sizeof(mjtNum));
+  if (dents_ && has_room) {
+    dents = static_cast<ContactDents*>(mj_stackAllocByte(d, d->ncon * sizeof(ContactDents), alignof(ContactDents)));
   }
-  WriteContactRows(m, d, &contact_rows_, of_contact);
-  rows_.Finish(m, d, of_contact, starts);
+  WriteContactRows(m, d, &contact_rows_, dents);
+  const bool dented = rows_.Finish(m, d, dents, starts);
   FreeStack(d);
+  if (dents_ && !told_memory_ && !(has_room && dented)) {
+    mju_warning("mjframes: the memory of mjData is too small for the dents of %d contacts: give <size memory> more.",
+                d->ncon);
+    told_memory_ = true;
+  }
 }
 
 void World::CheckOptions(const mjModel* m) {

@@ -56,10 +56,12 @@ class World {
   std::vector<SoftBody*> of_instance_;             // by plugin instance
   bool adds_ = false;                              // whether any adds to d->M what it does not replace
   bool touches_ = false;                           // whether any has patches
+  bool dents_ = false;                             // whether contacts of any make dents
   InertiaFactor factor_;
   ContactScratch contact_rows_;
   ConstraintRows rows_;
   bool told_ = false, told_few_ = false, told_number_ = false;  // what CheckOptions has to say
+  bool told_memory_ = false;
 };
 
 // The soft body behind plugin instance `instance`, or null if that is another plugin's.

@@ -17,6 +17,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
+from mjframes.scene.load import mujoco_warnings
 from mjframes.scene.scaling import scale
 from mjframes.scene.view import soft, soft_names
 from mjframes.surface.dents import dents
@@ -139,3 +140,14 @@ def test_a_block_that_falls_on_an_edge_and_one_on_it_make_no_energy(young: float
     once = data.efc_aref.copy()
     mujoco.mj_forward(model, data)
     np.testing.assert_array_equal(data.efc_aref, once)  # springs are set, not scaled
+
+
+def test_too_little_memory_for_dents_is_told_once() -> None:
+    spec = mujoco.MjSpec.from_string(f"<mujoco>{EDGE}")
+    attach(spec, block((6, 6, 4), 0.01, 1000), "block", pos=(0, 0, 0.1), contact=Contact(dents=True))
+    spec.memory = 75_000  # [bytes]; the step itself takes 49,200
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    with mujoco_warnings() as told:
+        mujoco.mj_step(model, data, 200)
+    assert [text.split(":")[0] for text in told if "dents" in text] == ["mjframes"]
