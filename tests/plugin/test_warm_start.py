@@ -39,10 +39,12 @@ def falling(jacobian: str, solver: str, beams: Sequence[tuple[float, float]] = S
     return spec.compile()
 
 
+@pytest.mark.parametrize("islands", [True, False], ids=["islands", "no islands"])
 @pytest.mark.parametrize("jacobian", ["dense", "sparse"])
 @pytest.mark.parametrize("solver", ["Newton", "CG"])
-def test_mujocos_solver_has_next_to_nothing_left_to_do(jacobian: str, solver: str) -> None:
+def test_mujocos_solver_has_next_to_nothing_left_to_do(jacobian: str, solver: str, islands: bool) -> None:
     model = falling(jacobian, solver, APART)
+    model.opt.disableflags |= 0 if islands else mujoco.mjtDisableBit.mjDSBL_ISLAND
     data = mujoco.MjData(model)
     data.ctrl[0] = -0.3
     touched = iterated = 0
