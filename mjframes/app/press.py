@@ -191,7 +191,10 @@ class _Press:
             hertz, told = self._hertz(binned, ground)
             notes += told
         if hertz is not None and mean[-1] > STIFF * hertz[-1]:
-            notes.append("frames make no dents smaller than their distance: a body of more frames is softer here.")
+            notes.append(
+                "frames make no dents smaller than their distance: contacts with dents (mjframes build --dents, "
+                "mf.Contact(dents=True)) are softer here, and so is a body of more frames."
+            )
         return Pressed(binned, mean, hertz, held, tuple(notes))
 
     def _step(self) -> None:
