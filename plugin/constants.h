@@ -116,8 +116,6 @@ inline constexpr double kFlatDistance =
     0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
 inline constexpr double kOnSurface = 1e-6;  // [cubes]
 inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turned inside out or flat
-// What is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
-inline constexpr double kBlend = 1;         // [-]
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
 inline constexpr int kSupportSteps = 4;     // from an ellipsoid's centre to its point nearest to the surface

@@ -387,7 +387,7 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok()) contact.patches = ReadPatches(m, instance, points, elastic.factors, reader);
   const int patches = static_cast<int>(contact.patches.size());
   if (reader->ok() && patches > 0) {
-    contact.radius = reader->Number("contact_radius");
+    contact.reach = reader->Number("contact_radius");
     contact.has_volume = reader->Has("lattice_spacing") || reader->Has("lattice_node");
     if (contact.has_volume) contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
     for (int i = 0; reader->ok() && i < patches; i++) {

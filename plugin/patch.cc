@@ -173,7 +173,7 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
 void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
   const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
   walk = Walk(own, contact.patches[number].cluster);
-  if (contact.makes_dents()) spacing = Spacing(own, contact.radius);
+  if (contact.makes_dents()) spacing = Spacing(own, contact.reach);
   const DistanceField& field = contact.field;
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;
@@ -192,7 +192,7 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
       }
     }
   }
-  spread = contact.radius;
+  spread = contact.reach;
   for (const double far : nearest) spread = std::max(spread, far < mjMAXVAL ? far : 0);
 }
 

@@ -92,7 +92,9 @@ def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarra
     """
     corners = surface.vertices @ grid.axes
     low, high = corners.min(axis=0), corners.max(axis=0)
-    first = low - (np.ceil(BAND) + 0.5) * spacing
+    # at corners of voxels if as fine as these: flat sides and their edges are then on nodes, up to where they end
+    corner = grid.origin @ grid.axes
+    first = corner + np.floor((low - corner) / spacing - BAND) * spacing
     shape = np.ceil((high - first) / spacing + BAND + 1).astype(np.int64)
     index = np.arange(np.prod(shape))
     nodes = (first + spacing * np.stack(np.unravel_index(index, shape), axis=1)) @ grid.axes.T

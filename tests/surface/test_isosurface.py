@@ -82,7 +82,7 @@ def test_a_short_neck_holds_and_a_single_step_is_smoothed() -> None:
     labels[:10], labels[12:], labels[10:12, 4, 4] = 1, 1, 1
     surface = extract_surface(make_volume(labels))
     size = len(surface.vertices)
-    links = csr_array((np.ones(len(surface.faces)), (surface.faces[:, 0], surface.faces[:, 1])), shape=(size, size))
+    links = csr_array((np.ones(surface.faces.size), (surface.faces.ravel(), np.roll(surface.faces, 1, 1).ravel())), (size, size))
     assert connected_components(links, directed=False)[0] == 1
 
     labels = np.ones((12, 12, 6), int)
@@ -125,8 +125,9 @@ def test_decimation_turns_no_triangle_over(labels: np.ndarray, targets: tuple[in
         coarse = extract_surface(volume, target)
         a, b, c = coarse.vertices[coarse.faces].transpose(1, 0, 2)
         normal = np.cross(b - a, c - a)
-        nearest = fine.mesh.vertex_normals[KDTree(fine.vertices).query((a + b + c) / 3)[1]]
-        assert np.einsum("tc,tc->t", normal, nearest).min() > 0
+        # of those nearby: beside a sharp edge the nearest one may be round the corner
+        near = KDTree(fine.mesh.triangles_center).query((a + b + c) / 3, k=8)[1]
+        assert np.einsum("tc,tkc->tk", normal, fine.mesh.face_normals[near]).max(axis=1).min() > 0
 
 
 @pytest.mark.parametrize("slices", [2, 3])
