@@ -24,7 +24,7 @@ from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficienc
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, place
 from mjframes.body.options import Options, Paper, checked
-from mjframes.body.soft_body import ContactSpheres, Skin, SoftBody
+from mjframes.body.soft_body import ContactVertices, Skin, SoftBody
 from mjframes.elasticity.laws import LawParameters
 from mjframes.elasticity.mass import mass_difference
 from mjframes.elasticity.null_modes import hold_null_modes
@@ -69,7 +69,7 @@ def build(
     mass: str | None = None,
     mode: str = "implicit",
     damping: tuple[float, float] = (0.0, 0.0),
-    contact_radius: float | None = None,
+    contact_reach: float | None = None,
     seed: int = 0,
     progress: Progress = lambda stage: None,
 ) -> SoftBody:
@@ -92,7 +92,9 @@ def build(
     mass: "consistent" or "lumped"; unless given, consistent where all frames are affine ones or points.
     mode: "implicit", stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the
     stiffest vibration.
-    damping: Rayleigh's (α [1/s], β [s]).  contact_radius: of the contact spheres [m], half a voxel unless given.
+    damping: Rayleigh's (α [1/s], β [s]).
+    contact_reach: what is higher than the deepest point of a contact by this or more has no share in it [m], half a
+    voxel unless given.
     progress: called with the name of each stage, and as "stage: 25%" within long ones.
     Raise MjframesError for a volume in several pieces, for values out of range and where memory will not do. Warn
     (TurnWarning) of free bodies of point frames, and (Notice) of builds of more than a minute.
@@ -100,7 +102,7 @@ def build(
     if isinstance(volume, (str, os.PathLike)):
         volume = Volume.load(volume)
     options = checked(
-        volume, frames, error, at, method, frame_type, metric, weights, law, mass, mode, damping, contact_radius,
+        volume, frames, error, at, method, frame_type, metric, weights, law, mass, mode, damping, contact_reach,
         supports, seed,
     )  # fmt: skip
     require_connected(volume)
@@ -137,7 +139,7 @@ def build(
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), contact_radius)
+    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), contact_reach)
     condensed = elastic.condensed
     return SoftBody(
         parent=chosen.tree.parent,
@@ -256,21 +258,22 @@ def _is_consistent(mass: str | None, types: Sequence[str]) -> bool:
 
 
 def _surfaces(
-    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_radius: float | None
-) -> tuple[Skin, ContactSpheres, DistanceField]:
+    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_reach: float | None
+) -> tuple[Skin, ContactVertices, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
     surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
-    spheres = contact_points(surface, volume, contact_radius)
-    weights = shapes.at(grid, spheres.positions)
-    patches = group_patches(spheres.positions, spheres.normals, weights, shapes.control)
-    spheres, weights = spheres.sorted(patches.order), sparse.csr_array(weights[patches.order])
-    field = rest_distance_field(grid, shapes, surface, spheres, patches.patch, weights)
+    vertices = contact_points(surface)
+    weights = shapes.at(grid, vertices.positions)
+    patches = group_patches(vertices.positions, vertices.normals, weights, shapes.control)
+    vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
+    field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
     pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
-    below = dents(grid, spheres.positions, spheres.normals, frames, pushed, missing)
-    contact = ContactSpheres(spheres.positions, spheres.radius, patches.patch, patches.cluster, weights, below)
+    below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
+    reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
+    contact = ContactVertices(vertices.positions, reach, patches.patch, patches.cluster, weights, below)
     return skin, contact, field
 
 

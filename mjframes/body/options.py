@@ -15,7 +15,7 @@ from mjframes.volume.volume import Volume
 from mjframes.weights.weights import Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
-RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
+REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def checked(
     mass: str | None,
     mode: str,
     damping: tuple[float, float],
-    contact_radius: float | None,
+    contact_reach: float | None,
     supports: Support | Sequence[Support],
     seed: int,
 ) -> Options:
@@ -81,10 +81,10 @@ def checked(
             raise MjframesError(f"{name} is {value!r}; it must be one of {', '.join(map(repr, choices))}.")
     paper = _method(method)
     _check_number_of_frames(frames, error, at, paper)
-    if contact_radius is not None and not 0 < contact_radius <= RADIUS_LIMIT * np.min(volume.spacing):
+    if contact_reach is not None and not 0 < contact_reach <= REACH_LIMIT * np.min(volume.spacing):
         raise MjframesError(
-            f"contact_radius is {contact_radius!r}; it must be positive and at most {RADIUS_LIMIT:g} voxels, "
-            f"{RADIUS_LIMIT * np.min(volume.spacing):g} m."
+            f"contact_reach is {contact_reach!r}; it must be positive and at most {REACH_LIMIT:g} voxels, "
+            f"{REACH_LIMIT * np.min(volume.spacing):g} m."
         )
     if law == COROTATIONAL:
         _refuse_constants(volume)

@@ -1,8 +1,4 @@
-"""Centres of spheres that touch a surface from inside, by farthest-point sampling: what touches (the paper, §5.4).
-
-At a vertex x with triangles of area A_f and normal n_f the centre is x − o, where o is least squares of
-Σ_f A_f (n_f·o − r)²: the sphere touches the sides of an edge or a corner, too, and reaches out of none.
-"""
+"""Vertices that cover a surface, by farthest-point sampling: what touches (the paper, §5.4)."""
 
 from __future__ import annotations
 
@@ -13,41 +9,30 @@ import numpy as np
 
 from mjframes.base.errors import MjframesError
 from mjframes.surface.isosurface import Surface
-from mjframes.volume.volume import Volume
-
-# [-] of the largest: where the normals around a vertex spread by less in a direction, they are those of something round.
-SPREAD = 0.03
-
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
-    """Centres of the contact spheres.
+    """Vertices of the surface.
 
     positions: (s, 3) volume coordinates [m].
-    radius: [m].
-    normals: (s, 3) of the surface above each, outward.
+    normals: (s, 3) of the surface at each, outward.
     rank: (s,) int, 0 for the most important: for every n the points of rank below n cover the surface evenly.
     """
 
     positions: np.ndarray
-    radius: float
     normals: np.ndarray
     rank: np.ndarray
 
     def sorted(self, order: np.ndarray) -> ContactPoints:
         """Return the same in another order (s,)."""
-        return ContactPoints(self.positions[order], self.radius, self.normals[order], self.rank[order])
+        return ContactPoints(self.positions[order], self.normals[order], self.rank[order])
 
 
-def contact_points(surface: Surface, volume: Volume, radius: float | None = None, count: int = 600) -> ContactPoints:
-    """Return at most `count` spheres that touch the surface from inside: extreme vertices first, then farthest points.
+def contact_points(surface: Surface, count: int = 600) -> ContactPoints:
+    """Return at most `count` vertices of the surface: extreme ones first, then farthest points.
 
-    radius: [m], half the smallest spacing unless given.
-    Raise MjframesError if radius ≤ 0 or count < 1.
+    Raise MjframesError if count < 1.
     """
-    radius = float(np.min(volume.spacing)) / 2 if radius is None else float(radius)
-    if not (np.isfinite(radius) and radius > 0):
-        raise MjframesError(f"radius is {radius!r}; contact spheres need a positive radius in metres.")
     if count < 1:
         raise MjframesError(f"count is {count!r}; contact needs one point or more.")
     mesh = surface.mesh
@@ -55,7 +40,7 @@ def contact_points(surface: Surface, volume: Volume, radius: float | None = None
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
     reach = np.sqrt(mesh.area / count)
     chosen = _farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)
-    return ContactPoints(surface.vertices[chosen], radius, normals[chosen], np.arange(len(chosen)))
+    return ContactPoints(surface.vertices[chosen], normals[chosen], np.arange(len(chosen)))
 
 
 def _extremes(x: np.ndarray) -> np.ndarray:
