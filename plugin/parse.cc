@@ -14,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "9";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "10";  // of the attributes; a model written by another version is refused
 
 constexpr char kRegionMismatch[] = "its region arrays do not match each other";
 
