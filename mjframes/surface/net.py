@@ -135,7 +135,8 @@ def _placed(inside: np.ndarray, at: np.ndarray, quad: np.ndarray, fixed: np.ndar
     for axis in range(3):
         ends = np.flatnonzero((rim[:, axis] != 0) & (fixed.sum(axis=1) == 1))
         sigma = np.where(np.arange(3) == axis, 0, SMOOTHING)
-        layer = _sampler(ndimage.gaussian_filter(inside.astype(np.float32), sigma, truncate=3.0, mode="constant"))
+        smooth = ndimage.gaussian_filter(inside.astype(np.float32), sigma, truncate=3.0, mode="constant")
+        layer = _sampler(smooth, np.arange(3) != axis)
         # it ends at an edge, whose line is in the layer of voxels below, or at the foot of what stands on it
         step = 0.5 * rim[ends, axis, None] * np.eye(3)[axis]
         below, above = (np.abs(layer(start[ends] + way * step)[0] - LEVEL) for way in (-1, 1))
@@ -147,8 +148,9 @@ def _placed(inside: np.ndarray, at: np.ndarray, quad: np.ndarray, fixed: np.ndar
 Sampler = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def _sampler(field: np.ndarray) -> Sampler:
-    """A function of points (n, 3) in voxels: the trilinear field there (n,) and its gradient (n, 3)."""
+def _sampler(field: np.ndarray, along: np.ndarray | None = None) -> Sampler:
+    """A function of points (n, 3) in voxels: the trilinear field there (n,) and its gradient (n, 3) along axes (3,)."""
+    along = np.ones(3, bool) if along is None else along
 
     def sample(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         base = np.clip(np.floor(points).astype(np.int64), 0, np.array(field.shape) - 2)
@@ -158,7 +160,7 @@ def _sampler(field: np.ndarray) -> Sampler:
             share = np.where(corner, f, 1 - f)
             at = field[tuple((base + corner).T)].astype(np.float64)
             value += at * share.prod(axis=1)
-            for axis in range(3):
+            for axis in np.flatnonzero(along):
                 others = share[:, [a for a in range(3) if a != axis]].prod(axis=1)
                 slope[:, axis] += at * others * (2 * corner[axis] - 1)
         return value, slope
