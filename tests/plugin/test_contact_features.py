@@ -62,6 +62,7 @@ def test_features_are_caught_wherever_they_come_down(shape: str) -> None:
     model, data = compiled(scene, (slab(), (0, 0, 0), (1, 0, 0, 0)))
     rng = np.random.default_rng(0)
     place = model.joint(int(model.body("obstacle").jntadr[0])).qposadr[0]
+    reach = float(soft(model, data, "soft0").configuration["contact_reach"])
     mujoco.mj_forward(model, data)
     height = data.qpos[place + 2] - lowest(model, data)
     for x, y in rng.uniform(0.05, 0.15, (40, 2)):
@@ -72,7 +73,7 @@ def test_features_are_caught_wherever_they_come_down(shape: str) -> None:
             sign = np.array([1 if c.geom[1] == model.geom("obstacle").id else -1 for c in data.contact])
             up = np.array([c.frame[2] for c in data.contact]) * sign
             deepest = min((c.dist for c, out in zip(data.contact, up, strict=True) if out > 0.95), default=np.inf)
-            assert deepest == pytest.approx(-depth, abs=2e-4)  # with the way out
+            assert deepest == pytest.approx(-depth, abs=0.4 * reach)  # with the way out
 
 
 @pytest.mark.parametrize("speed", [1, 3, 10])
