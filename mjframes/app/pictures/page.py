@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.app.drawn import round_length
 from mjframes.app.pictures.slices import (
     MM,
     axis_name,
@@ -159,7 +160,7 @@ def _draw_view(axes: Axes, picture: Picture, grid: Grid, shot: Shot) -> None:
 def _draw_scale(axes: Axes, shot: Shot) -> None:
     """A length and the directions of the coordinates, in the lower corners."""
     left, right, bottom, top = (MM * value for value in shot.extent)
-    length = _round_length((right - left) / 5)
+    length = round_length((right - left) / 5)
     end, low = right - 0.02 * (right - left), bottom + 0.03 * (top - bottom)
     axes.plot([end - length, end], [low, low], color="0.2", linewidth=2, solid_capstyle="butt")
     axes.text(end - length / 2, low + 0.015 * (top - bottom), f"{length:g} mm", size=8, ha="center", va="bottom")
@@ -169,12 +170,6 @@ def _draw_scale(axes: Axes, shot: Shot) -> None:
         dx, dy = arm * shot.camera.project(direction[None])[0]
         axes.plot([x, x + dx], [y, y + dy], color=color, linewidth=1.5)
         axes.text(x + 1.3 * dx, y + 1.3 * dy, name, size=8, color=color, ha="center", va="center")
-
-
-def _round_length(length: float) -> float:
-    """The largest of 1, 2, 5 × 10ⁿ up to `length`."""
-    power = 10 ** np.floor(np.log10(length))
-    return float(max(step * power for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)))
 
 
 def _draw_slice(axes: Axes, picture: Picture, grid: Grid, right: int, up: int) -> None:
