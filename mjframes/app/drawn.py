@@ -114,12 +114,6 @@ def skin_vertices(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvS
     return np.split(np.reshape(scene.skinvert, (-1, 3)), model.skin_vertadr[1:])
 
 
-def round_length(length: float) -> float:
-    """Return the greatest of 1, 2, 5, 10, … times a power of ten that is not greater."""
-    power = 10 ** np.floor(np.log10(length))
-    return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)) * power)
-
-
 def _shape(model: mujoco.MjModel, geom: int, kind: Kind, size: tuple[float, float, float], height: float = 0) -> Shape:
     """Return a piece of a geom; height: of its centre along the geom's z axis [m]."""
     raised = np.zeros(3)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from viser import BoxHandle, CylinderHandle, FrameHandle, IcosphereHandle, MeshHandle, ViserServer
 
-from mjframes.app.drawn import Shape, drawn_geoms, round_length, shapes, skin_parts, skin_vertices, sky_color
+from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_parts, skin_vertices, sky_color
 
 Node = BoxHandle | CylinderHandle | IcosphereHandle | MeshHandle
 LINES = 20  # of a plane's grid, along its shorter side at least
@@ -117,11 +117,17 @@ def _add_lines(server: ViserServer, slab: Shape, name: str) -> None:
     """Add lines to a plane, in the frame of its slab, that let one see how far things move."""
     width, length, thickness = slab.size.tolist()
     (red, green, blue), _ = _paint(0.85 * slab.rgba)
-    cell = round_length(min(width, length) / LINES)
+    cell = _round_length(min(width, length) / LINES)
     server.scene.add_grid(
         name, width, length, cell_size=cell, section_size=5 * cell, cell_color=(red, green, blue),
         section_color=(red, green, blue), section_thickness=1.5, shadow_opacity=0.0, position=(0, 0, thickness),
     )  # fmt: skip
+
+
+def _round_length(length: float) -> float:
+    """Return the greatest of 1, 2, 5, 10, … times a power of ten that is not greater."""
+    power = 10 ** np.floor(np.log10(length))
+    return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)) * power)
 
 
 def _add_lights(server: ViserServer, model: mujoco.MjModel, data: mujoco.MjData) -> None:
