@@ -1,7 +1,8 @@
 """The T-bone steak of the paper's Figure 1 as a labelled volume: 1 flesh, 2 bone (rigid), 3 fat.
 
 Drawn from closed curves in the plane (x to the strip loin, y to the cross bar of the T) and a thickness
-h(x, y) along z; about 67,000 voxels, as in the paper's table of timings. Run it to write steak.npz beside this file.
+h(x, y) along z; about 67,000 voxels, as in the paper's table of timings. Run it to write `mjframes/dm/steak.npz`,
+to which steak.npz beside this file is a link.
 """
 
 from __future__ import annotations
@@ -136,7 +137,7 @@ def _ripple(at: Array, wave: float) -> Array:
 
 
 if __name__ == "__main__":
-    path = Path(__file__).with_name("steak.npz")
+    path = Path(__file__).with_name("steak.npz").resolve()  # a link to the file that is installed
     steak = make_steak()
     steak.save(path)
     counts = {m.name: int((steak.labels == label).sum()) for label, m in steak.materials.items()}
