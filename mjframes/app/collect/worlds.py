@@ -17,7 +17,7 @@ from mujoco.batch import Batch, SimulationError
 
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.push import LENGTH, pushes
-from mjframes.app.collect.variation import Varied, stream, variations
+from mjframes.app.collect.variation import movables, set_materials, starts, stream, variations
 from mjframes.app.watch import FOLDED, Overlaps
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
@@ -62,8 +62,8 @@ class Stepping:
         with mujoco_warnings() as warnings:
             self.data = start(model, warnings)
             mujoco.mj_forward(model, self.data)
-        self._variations = variations(plan.vary)
-        self._varied = Varied(model, self.data, self._variations)
+        self._variations = variations(model, plan.vary)
+        self._start, self._moved = self.data.qpos.copy(), movables(model, self.data, self._variations)
         self.pushes = pushes(model, self.data, plan.push, plan.seconds)
         if plan.control == "random" and not model.nu:
             raise MjframesError("control is 'random', but the scene has no actuators; leave it out.")
@@ -87,11 +87,9 @@ class Stepping:
         ticks = range(0, steps, stride)
         drawn = tuple(self.draw(world) for world in worlds)
         batch = Batch(model, n, threads, persistent=bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP))
-        if model.nnumeric:
-            batch.expand("numeric_data")[:] = [self._varied.numerics(some) for some in drawn]
-        starts = np.array([self._varied.qpos(some) for some in drawn])
-        batch.bind("qpos")[:] = starts
-        inputs = _Inputs(self, worlds, drawn, starts)
+        set_materials(batch, self._variations, drawn)
+        batch.bind("qpos")[:] = begun = starts(self._start, self._moved, drawn)
+        inputs = _Inputs(self, worlds, drawn, begun)
         sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu, "sensors": model.nsensordata}
         kept = {name: np.zeros((n, len(ticks), size)) for name, size in sizes.items()}
         count, ended, going = np.zeros(n, int), [""] * n, np.arange(n)
@@ -133,20 +131,25 @@ class Stepping:
         qpos: (n, t, nq) of the entries.  count: (n,) how many of these each world has.
         """
         last = _steps(FOLDED, 1 / self.plan.rate)
-        names = view.soft_names(self.model)
-        for name in names:
-            body, grown, folded = view.soft(self.model, self.data, name).quiet(), [], []
-            for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
-                found = [self._looked_at(body, entry) for entry in entries[max(0, number - last) : number]]
-                grown += [world] * bool(found and found[-1][0])
-                folded += [world] * (len(found) == last and all(some for _, some in found))
+        bodies = {name: view.soft(self.model, self.data, name).quiet() for name in view.soft_names(self.model)}
+        kept = [entries[:number] for entries, number in zip(qpos, count.tolist(), strict=True)]
+        for name, body in bodies.items():
+            looks = [[self._looked_at(body, entry) for entry in entries[-last:]] for entries in kept]
+            grown = [world for world, found in zip(worlds, looks, strict=True) if found and found[-1][0]]
+            folded = [
+                world
+                for world, found in zip(worlds, looks, strict=True)
+                if len(found) == last and all(is_folded for _, is_folded in found)
+            ]
             for what, some in (("far larger than at rest", grown), ("folded over, inside out,", folded)):
                 if some:
                     warn(f"{name!r} is {what} at the end of {len(some)} worlds, the first of them {some[0]}")
-        overlaps = Overlaps(self.model, {name: view.soft(self.model, self.data, name).quiet() for name in names})
+        overlaps = Overlaps(self.model, bodies)
         inside: dict[tuple[str, str], list[tuple[int, float]]] = {}
-        for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
-            self.data.qpos[:] = entries[number - 1]
+        for world, entries in zip(worlds, kept, strict=True):
+            if not len(entries):
+                continue
+            self.data.qpos[:] = entries[-1]
             mujoco.mj_fwdPosition(self.model, self.data)
             for pair, depth in overlaps.find(self.data).items():
                 inside.setdefault(pair, []).append((world, depth))
