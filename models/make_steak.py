@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 FLESH, BONE, FAT = 1, 2, 3
 SPACING = 2.28e-3  # [m] what gives the paper's number of voxels
 MATERIALS = {
-    FLESH: Material(1.2e4, 0.45, 1050, name="flesh", rgba=(0.58, 0.09, 0.11, 1.0), veins=(0.86, 0.58, 0.5, 1.0)),
-    BONE: Material.rigid(1900, name="bone", rgba=(0.93, 0.89, 0.77, 1.0), veins=(0.8, 0.66, 0.55, 1.0)),
-    FAT: Material(1e4, 0.45, 920, name="fat", rgba=(0.96, 0.89, 0.75, 1.0), veins=(0.93, 0.78, 0.63, 1.0)),
+    FLESH: Material(1.2e4, 0.45, 1050, name="flesh", rgba=(0.58, 0.09, 0.11, 1.0)),
+    BONE: Material.rigid(1900, name="bone", rgba=(0.93, 0.89, 0.77, 1.0)),
+    FAT: Material(1e4, 0.45, 920, name="fat", rgba=(0.96, 0.89, 0.75, 1.0)),
 }
 
 # All lengths below in centimetres. The outline runs clockwise from the left end of the cross bar.

@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 from builders.scenes import FLOOR, compiled, lump
 
+from examples.steak import draw_veins
 from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
@@ -37,6 +38,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.cli.commands import main
 from mjframes.frames.supports import Fixed
+from mjframes.scene.attach import attach
 from mjframes.scene.scaling import stiffness
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -396,9 +398,11 @@ def test_windows_of_several_scenes_open_one_after_the_other(tmp_path: Path, monk
 @needs_viser
 def test_veins_are_on_the_page() -> None:
     """A veined skin is drawn in pieces of several colours that together have all of its triangles, and follow it."""
-    veined = Material(6e4, 0.4, 1000, rgba=(0.6, 0, 0, 1), veins=(1, 1, 1, 1), vein_spacing=0.02)
-    volume = Volume.from_labels(np.ones((8, 8, 3), int), 0.01, {1: veined})
-    model, _ = compiled("<mujoco/>", (build(volume, 2), (0, 0, 0), (1, 0, 0, 0)))
+    meat = Material(6e4, 0.4, 1000, name="meat", rgba=(0.6, 0, 0, 1))
+    spec, volume = mujoco.MjSpec(), Volume.from_labels(np.ones((8, 8, 3), int), 0.01, {1: meat})
+    attach(spec, build(volume, 2), "soft")
+    draw_veins(spec, "soft", {"meat": (1, 1, 1)})
+    model = spec.compile()
     with page({"meat": model}, port=0) as shown:
         pieces = shown.stage.skins
         shades = sorted(int(piece.node.color[1]) for piece in pieces)
