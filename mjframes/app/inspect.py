@@ -23,6 +23,7 @@ from mjframes.app.pictures.surface import surface_of
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.distance import compliance_distance, voxel_graph
 from mjframes.volume.grid import Grid, evened, voxel_grid
@@ -49,12 +50,7 @@ def draw_pictures(
 
     Raise MjframesError where matplotlib is missing or where the folder cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError(
-            'pictures need matplotlib, which is not installed; pip install "mjframes[plot]".'
-        ) from error
+    Figure = optional("matplotlib.figure", "a picture", "plot").Figure
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise MjframesError(f"{folder}: this is a file; name a folder for the pictures.")

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, sensor_message, state_message
-from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -122,15 +122,10 @@ def log_file(
     soft_names: the soft bodies.  topics: some of `options.TOPICS`.  files: to attach, by name.
     Raise MjframesError where a package is missing or the file cannot be written.
     """
-    try:
-        import foxglove.messages  # noqa: F401
-        from mcap.writer import Writer
-    except ImportError as error:
-        raise MjframesError(
-            f'a log needs {error.name}, which is not installed; pip install "mjframes[log]".'
-        ) from error
+    optional("foxglove.messages", "a log", "log", "foxglove-sdk")
+    mcap = optional("mcap.writer", "a log", "log")
     with replacing(path, "the log") as partial, partial.open("wb") as stream:
-        writer = Writer(stream, CHUNK)
+        writer = mcap.Writer(stream, CHUNK)
         writer.start(profile="", library="mjframes")
         attach(writer, files)
         yield LogWriter(writer, model, soft_names, topics)
