@@ -71,7 +71,7 @@ def draw_page(figure: Figure, picture: Picture, grid: Grid, surface: Surface, ca
     """Draw a picture on an empty figure of WIDTH × HEIGHT."""
     draw_title(figure, picture.title, caption)
     columns = figure.add_gridspec(1, 3, width_ratios=COLUMNS, left=0.01, right=0.99, bottom=0.07, top=0.86, wspace=0.14)
-    views = columns[0].subgridspec(2, 1, hspace=0.02)
+    views = columns[0].subgridspec(2, 1, hspace=0.08)
     for number in range(2):
         axes: Any = figure.add_subplot(views[number], projection="3d", computed_zorder=False)
         draw_surface(axes, surface, picture.colors, back=bool(number))

@@ -71,12 +71,13 @@ def draw_surface(axes: Any, surface: Surface, colors: Float, back: bool) -> None
     places = MM * surface.corners.reshape(-1, 3)
     low, high = places.min(axis=0), places.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.25)
+    axes.set_box_aspect(high - low, zoom=1.02)
     axes.set_proj_type("ortho")
     axes.view_init(elevation, azimuth)
     share = (high - low) / (high - low).max()
     for axis, name, part in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", share, strict=True):
         if part > SHORT:
             axis.set_label_text(f"{name} [mm]", size=7)
+            axis.labelpad = -6
         axis.set_tick_params(labelsize=6, pad=-2)
         axis.get_major_locator().set_params(nbins=max(1, round(5 * part)))
