@@ -421,14 +421,14 @@ def test_veins_are_on_the_page() -> None:
 
 @needs_viser
 def test_sliders_of_several_controls_of_an_actuator_have_its_name() -> None:
-    """And those after it have theirs: there are more controls than actuators."""
+    """As `--ctrl` names them; and those after it have theirs: there are more controls than actuators."""
     arm = """<body pos="2 0 0"><joint name="lift" axis="0 1 0"/><geom size=".1"/>
       <body pos="1 0 0"><joint name="wrist" type="ball"/><geom size=".1"/></body></body></worldbody><actuator>
       <orientation name="turn" joint="wrist" kp="1" ctrlrange="-1 1"/>
       <general joint="lift" ctrlrange="-1 2"/></actuator>"""
     with page({"arm": mujoco.MjModel.from_xml_string(ROOM.replace("</worldbody>", arm))}, port=0) as shown:
         sliders = shown.controls.actuators
-        assert [sliders[k].label for k in sorted(sliders)] == ["turn 0", "turn 1", "turn 2", "actuator 1"]
+        assert [sliders[k].label for k in sorted(sliders)] == ["turn:0", "turn:1", "turn:2", "control 3"]
         assert sliders[3].max == 2
 
 

@@ -170,7 +170,7 @@ class Controls:
             for k in ranged:
                 low, high = model.actuator_ctrlrange[k].tolist()
                 value = float(np.clip(data.ctrl[k], low, high))
-                label = names[k] or f"actuator {k}"
+                label = names[k] or f"control {k}"
                 sliders[k] = self._server.gui.add_slider(label, low, high, (high - low) / 200, value)
                 self._on(sliders[k], lambda value, k=k: data.ctrl.__setitem__(k, value))
         return sliders
