@@ -1,7 +1,8 @@
 """The T-bone steak of the paper's Figure 1 as a labelled volume: 1 flesh, 2 bone (rigid), 3 fat.
 
 Drawn from closed curves in the plane (x to the strip loin, y to the cross bar of the T) and a thickness
-h(x, y) along z; about 67,000 voxels, as in the paper's table of timings. Run it to write steak.npz beside this file.
+h(x, y) along z; about 67,000 voxels, as in the paper's table of timings. Run it to write `mjframes/dm/steak.npz`,
+to which steak.npz beside this file is a link.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ Array = NDArray[np.float64]
 FLESH, BONE, FAT = 1, 2, 3
 SPACING = 2.28e-3  # [m] what gives the paper's number of voxels
 MATERIALS = {
-    FLESH: Material(1.2e4, 0.45, 1050, name="flesh", rgba=(0.58, 0.09, 0.11, 1.0), veins=(0.86, 0.58, 0.5, 1.0)),
-    BONE: Material.rigid(1900, name="bone", rgba=(0.93, 0.89, 0.77, 1.0), veins=(0.8, 0.66, 0.55, 1.0)),
-    FAT: Material(1e4, 0.45, 920, name="fat", rgba=(0.96, 0.89, 0.75, 1.0), veins=(0.93, 0.78, 0.63, 1.0)),
+    FLESH: Material(1.2e4, 0.45, 1050, name="flesh", rgba=(0.58, 0.09, 0.11, 1.0)),
+    BONE: Material.rigid(1900, name="bone", rgba=(0.93, 0.89, 0.77, 1.0)),
+    FAT: Material(1e4, 0.45, 920, name="fat", rgba=(0.96, 0.89, 0.75, 1.0)),
 }
 
 # All lengths below in centimetres. The outline runs clockwise from the left end of the cross bar.
@@ -136,7 +137,7 @@ def _ripple(at: Array, wave: float) -> Array:
 
 
 if __name__ == "__main__":
-    path = Path(__file__).with_name("steak.npz")
+    path = Path(__file__).with_name("steak.npz").resolve()  # a link to the file that is installed
     steak = make_steak()
     steak.save(path)
     counts = {m.name: int((steak.labels == label).sum()) for label, m in steak.materials.items()}

@@ -66,8 +66,8 @@ def control_table(model: mujoco.MjModel, given: Mapping[str, float] | str | os.P
     return table
 
 
-def _names(model: mujoco.MjModel) -> list[str]:
-    """Of all controls, "" of actuators without a name."""
+def control_names(model: mujoco.MjModel) -> list[str]:
+    """Return the names of all controls, "" of actuators without a name."""
     names: list[str] = []
     for actuator in range(model.nactuator):
         name, count = model.actuator(actuator).name, int(model.actuator_ctrlnum[actuator])
@@ -76,7 +76,7 @@ def _names(model: mujoco.MjModel) -> list[str]:
 
 
 def _controls(model: mujoco.MjModel, where: str, names: list[str]) -> NDArray[np.int64]:
-    known = _names(model)
+    known = control_names(model)
     if not known:
         raise MjframesError(f"{where} has the actuator {names[0]!r}, but the scene has no actuators.")
     for number, name in enumerate(names):
@@ -134,7 +134,7 @@ def _checked(path: Path, time: Array, value: Array, control: NDArray[np.int64]) 
 
 
 def _example(model: mujoco.MjModel) -> str:
-    return next(filter(None, _names(model)), "ACTUATOR")
+    return next(filter(None, control_names(model)), "ACTUATOR")
 
 
 def _warn_of_clamping(model: mujoco.MjModel, table: ControlTable) -> None:
@@ -143,7 +143,7 @@ def _warn_of_clamping(model: mujoco.MjModel, table: ControlTable) -> None:
         values = table.value[:, column]
         if model.actuator_ctrllimited[i] and (values.min() < low or values.max() > high):
             outside = values[(values < low) | (values > high)][0]
-            name = _names(model)[i] or f"number {i}"
+            name = control_names(model)[i] or f"number {i}"
             warnings.warn(
                 f"ctrl of {name} is {outside:g}, outside its range {low:g} to {high:g}; MuJoCo clamps it.",
                 Notice,

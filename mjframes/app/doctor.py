@@ -37,7 +37,7 @@ OPTIONAL = {
     "nibabel": ("reading .nii and .nii.gz", "images"),
     "av": ("writing films", "video"),
     "mcap": ("logs", "log"),
-    "foxglove_schemas_protobuf": ("what Foxglove draws of logs", "log"),
+    "foxglove": ("what Foxglove draws of logs", "log"),
     "matplotlib": ("plots", "plot"),
     "viser": ("pages of view --web", "view"),
     "dm_control": ("dm_control's Physics", "dm"),

@@ -6,14 +6,56 @@ What MuJoCo draws by default is drawn: geoms of the groups 0 to 2. A texture cou
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Literal
+
 import mujoco
 import numpy as np
 
+GEOM = mujoco.mjtGeom
 HIDDEN = 3  # geom groups from this on are not drawn by MuJoCo's default
 PLAIN = (0.5, 0.5, 0.5, 1.0)  # colour of a geom that is given none, MuJoCo's default
 ENDLESS = 4.0  # [-] of the scene's extent: half of a plane that has no end
 THIN = 1e-3  # [-] of the scene's extent: thickness of a plane
 BANDS = 6  # colours at most that stand for a skin's texture
+Kind = Literal["box", "ball", "cylinder", "mesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A piece of a geom.
+
+    kind: a ball may be an ellipsoid.  size: (3,) from end to end along its own axes, but of a mesh [m].
+    position, quat: (3,) [m] and (4,), in the axes of the geom's body.  rgba: (4,).
+    mesh: vertices (n, 3) [m] and triangles (m, 3) in its own axes, of a mesh alone.
+    """
+
+    kind: Kind
+    size: np.ndarray
+    position: np.ndarray
+    quat: np.ndarray
+    rgba: np.ndarray
+    mesh: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def shapes(model: mujoco.MjModel, geom: int) -> list[Shape]:
+    """Return the pieces that a geom is drawn as: a capsule is a cylinder and two balls, a plane a thin box."""
+    kind, (x, y, z) = model.geom_type[geom], 2 * model.geom_size[geom]
+    if kind == GEOM.mjGEOM_PLANE:
+        width, length, thickness = _plane_size(model, geom)
+        return [_shape(model, geom, "box", (width, length, thickness), -thickness / 2)]
+    if kind == GEOM.mjGEOM_BOX:
+        return [_shape(model, geom, "box", (x, y, z))]
+    if kind == GEOM.mjGEOM_SPHERE:
+        return [_shape(model, geom, "ball", (x, x, x))]
+    if kind == GEOM.mjGEOM_ELLIPSOID:
+        return [_shape(model, geom, "ball", (x, y, z))]
+    if kind == GEOM.mjGEOM_CYLINDER:
+        return [_shape(model, geom, "cylinder", (x, x, y))]
+    if kind == GEOM.mjGEOM_CAPSULE:
+        ends = [_shape(model, geom, "ball", (x, x, x), end) for end in (-y / 2, y / 2)]
+        return [_shape(model, geom, "cylinder", (x, x, y)), *ends]
+    return [replace(_shape(model, geom, "mesh", (1, 1, 1)), mesh=_surface(model, geom))]
 
 
 def drawn_geoms(model: mujoco.MjModel) -> list[int]:
@@ -37,24 +79,6 @@ def sky_color(model: mujoco.MjModel) -> np.ndarray | None:
     """Return the mean rgb (3,) of the scene's sky, None where it has none."""
     skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     return _texture_color(model, int(skies[0])) if len(skies) else None
-
-
-def plane_size(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return width, length and thickness (3,) of the slab that stands for a plane [m]; its top is the plane."""
-    half = model.geom_size[geom, :2]
-    x, y = 2 * np.where(half > 0, half, ENDLESS * model.stat.extent)
-    return np.array([x, y, THIN * model.stat.extent])
-
-
-def surface(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (n, 3) [m] and triangles (m, 3) of a mesh, a signed distance field or a height field, in the
-    geom's axes.
-    """
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
-        return _height_field(model, int(model.geom_dataid[geom]))
-    mesh = int(model.geom_dataid[geom])
-    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-    return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
 
 
 def skin_faces(model: mujoco.MjModel, skin: int) -> np.ndarray:
@@ -88,6 +112,32 @@ def skin_vertices(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvS
     # of no category of geoms: skins and flexes alone; what updates skins alone is deprecated
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 0, scene)
     return np.split(np.reshape(scene.skinvert, (-1, 3)), model.skin_vertadr[1:])
+
+
+def _shape(model: mujoco.MjModel, geom: int, kind: Kind, size: tuple[float, float, float], height: float = 0) -> Shape:
+    """Return a piece of a geom; height: of its centre along the geom's z axis [m]."""
+    raised = np.zeros(3)
+    mujoco.mju_rotVecQuat(raised, np.array([0, 0, height]), model.geom_quat[geom])
+    place = model.geom_pos[geom] + raised
+    return Shape(kind, np.array(size, float), place, model.geom_quat[geom], geom_color(model, geom))
+
+
+def _plane_size(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return width, length and thickness (3,) of the slab that stands for a plane [m]; its top is the plane."""
+    half = model.geom_size[geom, :2]
+    x, y = 2 * np.where(half > 0, half, ENDLESS * model.stat.extent)
+    return np.array([x, y, THIN * model.stat.extent])
+
+
+def _surface(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (n, 3) [m] and triangles (m, 3) of a mesh, a signed distance field or a height field, in the
+    geom's axes.
+    """
+    if model.geom_type[geom] == GEOM.mjGEOM_HFIELD:
+        return _height_field(model, int(model.geom_dataid[geom]))
+    mesh = int(model.geom_dataid[geom])
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
 
 
 def _material_color(model: mujoco.MjModel, material: int) -> np.ndarray:

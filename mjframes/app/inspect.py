@@ -16,25 +16,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.app.pictures.keys import NO_COLOR, NOTHING, categorical, color_bar, graded, name_list
-from mjframes.app.pictures.page import HEIGHT, RESOLUTION, RIGID_GLASS, VIEW, WIDTH, Marks, Picture, draw_page
+from mjframes.app.pictures.keys import NO_COLOR, NOTHING, Bar, categorical
+from mjframes.app.pictures.page import HEIGHT, RESOLUTION, WIDTH, Marks, Picture, draw_page
 from mjframes.app.pictures.spectrum import draw_spectrum
-from mjframes.app.pictures.views import cameras, shoot
+from mjframes.app.pictures.surface import surface_of
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.distance import compliance_distance, voxel_graph
 from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.weights import weights_at
 
 if TYPE_CHECKING:
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 BANDS = 10  # [-] between contours
 FRAME, SAMPLE = 13.0, 5.5  # [points] size of the dots
 CROWD = 40  # [-] more frames get smaller dots
-FRAME_COLOR, RIGID_COLOR = (0.12, 0.12, 0.12, 1.0), (0.93, 0.90, 0.80, 1.0)
+FRAME_COLOR, RIGID_COLOR, SOFT_COLOR = (0.12, 0.12, 0.12, 1.0), (0.93, 0.90, 0.80, 1.0), (0.76, 0.81, 0.88, 1.0)
 MM, MM_PER_KPA = 1e3, 1e6  # [mm / m], [(mm/kPa) / (m/Pa)]
 
 
@@ -48,20 +50,12 @@ def draw_pictures(
 
     Raise MjframesError where matplotlib is missing or where the folder cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError(
-            'pictures need matplotlib, which is not installed; pip install "mjframes[plot]".'
-        ) from error
+    Figure = optional("matplotlib.figure", "a picture", "plot").Figure
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise MjframesError(f"{folder}: this is a file; name a folder for the pictures.")
     grid = voxel_grid(body.fields.volume)
-    size = (int(VIEW[0] * RESOLUTION), int(VIEW[1] * RESOLUTION))
-    progress("stiffness")
-    skin = body.skin
-    front, back = (shoot(camera, skin.vertices, skin.faces, grid, *size) for camera in cameras(skin.vertices))
+    surface = surface_of(grid, body.skin.vertices, body.skin.faces)
     caption = _caption(body, grid, name)
     written: list[Path] = []
 
@@ -74,7 +68,7 @@ def draw_pictures(
 
     for picture in field_pictures(body, grid):
         progress(picture.name)
-        write(picture.name, lambda figure, picture=picture: draw_page(figure, picture, grid, (front, back), caption))
+        write(picture.name, lambda figure, picture=picture: draw_page(figure, picture, grid, surface, caption))
     progress("spectrum")
     write("spectrum", lambda figure: draw_spectrum(figure, body, caption))
     return written
@@ -112,30 +106,31 @@ def _frame_marks(body: SoftBody, grid: Grid) -> Marks:
     return Marks(body.fields.frame_centers(grid), np.tile(FRAME_COLOR, (count, 1)), size, np.arange(count))
 
 
+def _scheme(name: str, low: float, high: float, log: bool = False) -> ScalarMappable:
+    """Return what gives values from low to high their colours."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm, Normalize
+
+    return ScalarMappable(LogNorm(low, high) if log else Normalize(low, high), name)
+
+
 def _stiffness(body: SoftBody, grid: Grid) -> Picture:
-    from matplotlib.colors import LogNorm
     from matplotlib.ticker import FuncFormatter
 
     soft = grid.compliance > 0
-    young = np.where(soft, grid.young, np.nan)
-    low, high = (np.nanmin(young), np.nanmax(young)) if soft.any() else (1.0, 1.0)
-    norm = LogNorm(low / 1.5, high * 1.5) if high / low < 1.5 else LogNorm(low, high)
-    colors = np.where(soft[:, None], graded(np.where(soft, young, low), norm, "viridis"), RIGID_COLOR)
-    moduli = np.unique(young[soft])
-    ticks = (moduli if len(moduli) <= 6 else np.geomspace(low, high, 5)).tolist()
+    moduli = np.unique(grid.young[soft]) if soft.any() else np.ones(1)
+    low, high = float(moduli[0]), float(moduli[-1])
+    wide = 1.5 if high / low < 1.5 else 1.0  # a bar of one colour tells nothing
+    scheme = _scheme("viridis", low / wide, high * wide, log=True)
+    colors = np.where(soft[:, None], scheme.to_rgba(np.where(soft, grid.young, low)), RIGID_COLOR)
     legend = []
     for label in np.unique(grid.label):
         material = body.materials[int(label)]
         modulus = "rigid" if material.is_rigid else _pascals(material.young)
         legend.append((f"{material.name or f'label {label}'}: {modulus}", colors[np.argmax(grid.label == label)]))
-    scale = FuncFormatter(lambda value, _: _pascals(value))
-    return Picture(
-        "stiffness",
-        "Stiffness: Young's modulus E of each voxel",
-        colors,
-        color_bar(norm, "viridis", "Young's modulus E", legend, ticks=ticks, form=scale),
-        _middle(grid),
-    )
+    ticks = (moduli if len(moduli) <= 6 else np.geomspace(low, high, 5)).tolist()
+    bar = Bar(scheme, "Young's modulus E", ticks, FuncFormatter(lambda value, _: _pascals(value)))
+    return Picture("stiffness", "Stiffness: Young's modulus E of each voxel", colors, _middle(grid), legend, bar)
 
 
 def _pascals(pressure: float) -> str:
@@ -146,22 +141,20 @@ def _pascals(pressure: float) -> str:
 
 
 def _distance(body: SoftBody, grid: Grid) -> Picture:
-    from matplotlib.colors import Normalize
-
     seeds = body.fields.seeds
     owner = np.repeat(np.arange(len(seeds)), [len(s) for s in seeds])
     even = body.fields.metric == EVEN
     nearest = compliance_distance(voxel_graph(evened(grid) if even else grid), np.concatenate(seeds), label=owner)
     distance = (MM if even else MM_PER_KPA) * nearest.distance
     far = float(distance.max()) or 1.0
-    norm = Normalize(0, far)
+    scheme = _scheme("plasma", 0, far)
     kind = "Distance inside the body" if even else "Compliance distance"
     return Picture(
         "distance",
         f"{kind} to the nearest frame, and the frames' Voronoi cells",
-        graded(distance, norm, "plasma"),
-        color_bar(norm, "plasma", "∫ ds  [mm]" if even else "∫ ds / E  [mm/kPa]"),
+        scheme.to_rgba(distance),
         _middle(grid),
+        bar=Bar(scheme, "∫ ds  [mm]" if even else "∫ ds / E  [mm/kPa]"),
         lines=nearest.label,
         contours=(distance, np.linspace(0, far, BANDS + 1)[1:-1]),
         marks=(_frame_marks(body, grid),),
@@ -169,21 +162,17 @@ def _distance(body: SoftBody, grid: Grid) -> Picture:
 
 
 def _weight(body: SoftBody, grid: Grid, i: int) -> Picture:
-    from matplotlib.colors import Normalize
-
     weight = weights_at(body.fields.weights, np.arange(len(grid.index)), [i])[:, 0]
-    norm = Normalize(0, 1)
+    scheme = _scheme("YlGnBu", 0, 1)
     core = body.fields.seeds[i]
     center = body.fields.frame_centers(grid)[i]
-    through = grid.index[core[np.argmin(np.sum((grid.centers[core] - center) ** 2, axis=1))]]
-    colors = np.where((weight > 0)[:, None], graded(weight, norm, "YlGnBu"), NOTHING)
-    legend = [("no influence", NOTHING), (f"reaches {np.mean(weight > 0):.0%} of the voxels", NO_COLOR)]
     return Picture(
         f"weight_{i:0{len(str(len(body.parent) - 1))}d}",
         f"Weight of frame {i}: its share in the displacement",
-        colors,
-        color_bar(norm, "YlGnBu", "w [-]", legend),
-        through,
+        np.where((weight > 0)[:, None], scheme.to_rgba(weight), NOTHING),
+        through=grid.index[core[np.argmin(np.sum((grid.centers[core] - center) ** 2, axis=1))]],
+        legend=[("no influence", NOTHING), (f"reaches {np.mean(weight > 0):.0%} of the voxels", NO_COLOR)],
+        bar=Bar(scheme, "w [-]"),
         contours=(weight, np.linspace(0, 1, BANDS + 1)[1:-1]),
         marks=(_frame_marks(body, grid),),
     )
@@ -191,29 +180,33 @@ def _weight(body: SoftBody, grid: Grid, i: int) -> Picture:
 
 def _frames(body: SoftBody, grid: Grid) -> Picture:
     regions = categorical(len(body.stiffness.points))
-    samples = Marks(body.fields.sample_centers(grid), regions[np.unique(body.fields.region)], SAMPLE, None)
+    samples = Marks(body.fields.sample_centers(grid), regions[np.unique(body.fields.region)], SAMPLE)
+    rigid = grid.piece >= 0
     legend = [
         (f"frames: {len(body.parent)}", FRAME_COLOR),
         (f"regions: {len(regions)}, each with a colour", regions[0]),
+        ("soft", SOFT_COLOR),
     ]
-    if (grid.piece >= 0).any():
-        legend.append(("rigid", (*RIGID_GLASS, 1.0)))
-    marks = (samples, _frame_marks(body, grid))
+    if rigid.any():
+        legend.append(("rigid", RIGID_COLOR))
     return Picture(
-        "frames", "Frames, and the centres of the regions", None, name_list(legend), _middle(grid), marks=marks
+        "frames",
+        "Frames, and the centres of the regions",
+        np.where(rigid[:, None], RIGID_COLOR, SOFT_COLOR),
+        _middle(grid),
+        legend,
+        marks=(samples, _frame_marks(body, grid)),
     )
 
 
 def _error(body: SoftBody, error: NDArray[np.float64], grid: Grid) -> Picture:
-    from matplotlib.colors import Normalize
-
-    norm = Normalize(0, float(error.max()) or 1.0)
+    scheme = _scheme("magma", 0, float(error.max()) or 1.0)
     return Picture(
         "error",
         "Error of displacements: rms over own weights and pushes, to that of all displacements",
-        graded(error, norm, "magma"),
-        color_bar(norm, "magma", "|û − u|  [-]"),
-        grid.index[int(np.argmax(error))].astype(np.int64),
+        scheme.to_rgba(error),
+        through=grid.index[int(np.argmax(error))].astype(np.int64),
+        bar=Bar(scheme, "|û − u|  [-]"),
         marks=(_frame_marks(body, grid),),
     )
 
@@ -230,7 +223,7 @@ def _regions(body: SoftBody, grid: Grid) -> Picture:
         "regions",
         "Regions, and the frames that each couples",
         palette[body.fields.region],
-        name_list(legend),
         _middle(grid),
+        legend,
         lines=body.fields.region,
     )

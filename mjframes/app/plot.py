@@ -13,6 +13,7 @@ import numpy as np
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,10 +31,7 @@ def plot_file(path: str | os.PathLike[str]) -> Iterator[Callable[[Recording], No
 
     Raises MjframesError where matplotlib is missing, for another ending, or where the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError('a plot needs matplotlib, which is not installed; pip install "mjframes[plot]".') from error
+    Figure = optional("matplotlib.figure", "a plot", "plot").Figure
     if Path(path).suffix.lower() not in FORMATS:
         raise MjframesError(f"{path}: a plot is written as .png, .pdf or .svg; give the path one of these endings.")
     with replacing(path, "the plot") as partial:

@@ -21,6 +21,7 @@ from mjframes.app.drawn import skin_vertices
 from mjframes.app.hertz import Ground, hertz_force, where_it_fails
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 from mjframes.scene import forces, scaling
 from mjframes.scene.load import DIVERGED, load_scene, mujoco_warnings, start
 from mjframes.scene.plugin_text import SEPARATOR
@@ -331,10 +332,7 @@ def write_table(pressed: Pressed, path: Path) -> None:
 
 def plot_press(pressed: Pressed, path: Path, title: str) -> None:
     """Draw force over depth (.png, .pdf, .svg). Raise MjframesError where matplotlib is missing."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError('a plot needs matplotlib, which is not installed; pip install "mjframes[plot]".') from error
+    Figure = optional("matplotlib.figure", "a plot", "plot").Figure
     with replacing(path, "the plot") as partial:
         figure = Figure(figsize=(7, 5), layout="constrained")
         axes = figure.subplots()

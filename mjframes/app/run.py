@@ -60,75 +60,115 @@ def record(
     Warn (InstabilityWarning) once of each soft body that makes energy, grows or stays folded over.
     Raises MjframesError for bad arguments, a scene the plugin refuses and a simulation that diverges.
     """
-    if not (math.isfinite(duration) and duration > 0):
-        raise MjframesError(f"duration is {duration!r}; it must be a positive time in seconds.")
-    timestep = model.opt.timestep
-    if not (math.isfinite(timestep) and timestep > 0):
-        raise MjframesError(f"the scene's timestep is {timestep!r}; it must be a positive time in seconds, as 0.002.")
+    timestep = _checked_timestep(model, duration)
     controls = None if ctrl is None else control_table(model, ctrl)
     steps = max(1, round(duration / timestep))
-    stride = math.ceil(steps / RECORDS)
-    instants: list[Instant] = []
-    states: list[State] = []
-    seconds = deepest = 0.0
     with ExitStack() as stack:
         warnings = stack.enter_context(mujoco_warnings())
         stack.enter_context(_potential_energy(model))
         data = start(model, warnings)
         if keyframe is not None:
             reset_to(model, data, keyframe)
-        begun = data.time
         bodies = {name: view.soft(model, data, name) for name in view.soft_names(model)}
-        weight, logging, watch = weight_of(model), None, Watch(model, data, bodies)
+        begun, logging = data.time, None
         if log is not None:
-            from mjframes.app.log.session import Logging
-            from mjframes.app.log.write import log_file
-
             chosen = log if isinstance(log, Log) else Log(log)
-            topics = chosen.topics or tuple(topic for topic in TOPICS if topic != "video" or video is not None)
-            files = pack(scene, model) if scene else {}
-            writer = stack.enter_context(log_file(chosen.path, model, list(bodies), topics, files))
-            writer.about({"timestep": timestep, "weight": weight, "mujoco": mujoco.mj_versionString()})
-            logging = Logging(writer, topics, chosen.rate, fps, timestep)
+            logging = stack.enter_context(_log(chosen, model, list(bodies), scene, fps, video is not None))
         draw = stack.enter_context(_pictures(model, video, logging, camera, fps, size))
         save_plot = None
         if plot is not None:
             from mjframes.app.plot import plot_file
 
             save_plot = stack.enter_context(plot_file(plot))
+        made = _Made(model, data, bodies, steps)
         hidden = not (progress and sys.stderr.isatty())
         for step in track(range(steps), "stepping", console=Console(stderr=True), transient=True, disable=hidden):
-            state = state_of(data)
             if controls is not None:
                 controls.set(data, data.time - begun, timestep)
-            begin = time.perf_counter()
-            mujoco.mj_step(model, data)
-            seconds += time.perf_counter() - begin
-            if data.warning.number[DIVERGED].any():
-                reason = warnings[-1] if warnings else f"Time = {state.time:.4f}."
-                raise MjframesError(
-                    f"the simulation diverged: {reason} Try a smaller timestep, or damping where the scene has none."
-                )
-            depth = penetration(data)
-            deepest = max(deepest, depth)
-            kept = step % stride == 0 or step == steps - 1
-            if kept:
-                instants.append(measure(model, data, bodies, state, deepest))
-                states.append(state)
-                deepest = 0.0
-                watch.look(instants[-1])
-            watch.step()
-            if logging is not None:
-                logging.step(model, data, bodies, state, depth, instants[-1] if kept else None)
+            made.step(step, warnings, logging)
             if draw is not None:
-                draw(data, state.time)
-        log_seconds = math.nan
-        if logging is not None:
-            log_seconds = logging.end({"steps": steps, "seconds": seconds})
-        recording = Recording(tuple(instants), tuple(states), steps, seconds, timestep, weight, log_seconds)
+                draw(data, made.state.time)
+        recording = made.recording(logging)
         if save_plot is not None:
             save_plot(recording)
     return recording
+
+
+def _checked_timestep(model: mujoco.MjModel, duration: float) -> float:
+    """Return the scene's timestep [s].  Raise MjframesError where it or the duration cannot be."""
+    if not (math.isfinite(duration) and duration > 0):
+        raise MjframesError(f"duration is {duration!r}; it must be a positive time in seconds.")
+    timestep = model.opt.timestep
+    if not (math.isfinite(timestep) and timestep > 0):
+        raise MjframesError(f"the scene's timestep is {timestep!r}; it must be a positive time in seconds, as 0.002.")
+    return timestep
+
+
+class _Made:
+    """What a run has made so far, of `steps` steps."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[str, view.Soft], steps: int) -> None:
+        self._model, self._data, self._bodies, self._steps = model, data, bodies, steps
+        self._stride, self._watch = math.ceil(steps / RECORDS), Watch(model, data, bodies)
+        self._instants: list[Instant] = []
+        self._states: list[State] = []
+        self._seconds = self._deepest = 0.0
+        self.state = state_of(data)
+
+    def step(self, number: int, warnings: list[str], logging: Logging | None) -> None:
+        """Take a step; measure, watch and log it.  Raise MjframesError where it diverges."""
+        model, data = self._model, self._data
+        self.state = state_of(data)
+        begin = time.perf_counter()
+        mujoco.mj_step(model, data)
+        self._seconds += time.perf_counter() - begin
+        if data.warning.number[DIVERGED].any():
+            reason = warnings[-1] if warnings else f"Time = {self.state.time:.4f}."
+            raise MjframesError(
+                f"the simulation diverged: {reason} Try a smaller timestep, or damping where the scene has none."
+            )
+        depth = penetration(data)
+        self._deepest = max(self._deepest, depth)
+        kept = None
+        if number % self._stride == 0 or number == self._steps - 1:
+            kept = measure(model, data, self._bodies, self.state, self._deepest)
+            self._instants.append(kept)
+            self._states.append(self.state)
+            self._deepest = 0.0
+            self._watch.look(kept)
+        self._watch.step()
+        if logging is not None:
+            logging.step(model, data, self._bodies, self.state, depth, kept)
+
+    def recording(self, logging: Logging | None) -> Recording:
+        """Return what was made; end the log."""
+        log_seconds = math.nan
+        if logging is not None:
+            log_seconds = logging.end({"steps": self._steps, "seconds": self._seconds})
+        return Recording(
+            tuple(self._instants),
+            tuple(self._states),
+            self._steps,
+            self._seconds,
+            self._model.opt.timestep,
+            weight_of(self._model),
+            log_seconds,
+        )
+
+
+@contextmanager
+def _log(
+    log: Log, model: mujoco.MjModel, soft_names: list[str], scene: mujoco.MjSpec | None, fps: float, films: bool
+) -> Iterator[Logging]:
+    """Begin the log of a run.  films: whether a film is made as well, which is then logged unless topics are given."""
+    from mjframes.app.log.session import Logging
+    from mjframes.app.log.write import log_file
+
+    topics = log.topics or tuple(topic for topic in TOPICS if topic != "video" or films)
+    timestep = model.opt.timestep
+    with log_file(log.path, model, soft_names, topics, pack(scene, model) if scene else {}) as writer:
+        writer.about({"timestep": timestep, "weight": weight_of(model), "mujoco": mujoco.mj_versionString()})
+        yield Logging(writer, topics, log.rate, fps, timestep)
 
 
 @contextmanager

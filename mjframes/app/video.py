@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 
 QUALITY = {"crf": "20", "preset": "veryfast"}  # of x264: no visible loss, and faster than the drawing
 # As Foxglove needs it: a picture a packet, in order, one a second that can be decoded without those before; x264's own
@@ -170,10 +171,7 @@ def has_display() -> bool:
 
 def _pyav(fps: float, size: tuple[int, int]) -> ModuleType:
     """PyAV, for films that can be.  Raises MjframesError for others, and where it is missing."""
-    try:
-        import av
-    except ImportError as error:
-        raise MjframesError('a video needs PyAV, which is not installed; pip install "mjframes[video]".') from error
+    av = optional("av", "a video", "video", "PyAV")
     if not all(side >= 16 and side % 2 == 0 for side in size):
         raise MjframesError(f"size is {size[0]}x{size[1]}; a video needs even numbers of pixels, 16 or more.")
     if not (math.isfinite(fps) and 0 < fps <= 1000):

@@ -15,7 +15,6 @@ from mjframes.scene import links
 from mjframes.scene.carriers import Carrier, carrier_of
 from mjframes.scene.plugin_text import SEPARATOR
 from mjframes.scene.rounding import in_units
-from mjframes.scene.veins import add_veined_material, vein_coordinates
 
 WEIGHT_UNITS = 10_000  # of skin weights, which MJCF writes as text: where frames turn, 1e-4 of their distance
 VERTEX_ROUNDING = 1e-4  # [-] of the body's size, at most: of the vertices' places, a tenth of a pixel
@@ -41,7 +40,7 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
         columns = [slice(weights.indptr[c], weights.indptr[c + 1]) for c in bones]
         material = body.materials[int(label)]
         own = "_".join(filter(None, [material.name, "" if names[material.name] == 1 else str(label)]))
-        added = spec.add_skin(
+        spec.add_skin(
             name=name + SEPARATOR + own,
             vert=places[used].ravel(),
             face=local.ravel(),
@@ -50,10 +49,5 @@ def add_skins(spec: mujoco.MjSpec, body: SoftBody, carried: Sequence[Carrier], n
             bindquat=np.ravel([links.quaternion(carried[c].pose[0]) for c in bones]),
             vertid=[weights.indices[column].tolist() for column in columns],
             vertweight=[weights.data[column].tolist() for column in columns],
+            rgba=material.rgba,
         )
-        if material.veins is None:
-            added.rgba = material.rgba
-        else:  # MuJoCo takes a skin's own colour before that of its material
-            add_veined_material(spec, material, added.name)
-            added.material = added.name
-            added.texcoord = vein_coordinates(skin.vertices[used], material.vein_spacing).ravel()

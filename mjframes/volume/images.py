@@ -30,6 +30,7 @@ from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.metaimage import read_metaimage
 
+WITHDRAWN = ("veins", "vein_spacing")  # of materials in older files: how a skin was drawn
 PIECE = 2**10  # [bytes] of compressed data that are looked at together: some megabytes at most
 METRES = {"m": 1.0, "meter": 1.0, "metre": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3, "millimetre": 1e-3}
 METRES |= {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "micron": 1e-6, "micrometer": 1e-6, "micrometre": 1e-6}
@@ -127,11 +128,12 @@ def write_materials(materials: Mapping[int, Material]) -> str:
 def _parse_materials(path: Path, text: str) -> dict[int, Material]:
     try:
         entries: dict[str, dict[str, Any]] = json.loads(text)
-        colors = {
-            label: {name: tuple(entry[name]) for name in ("rgba", "veins") if entry.get(name) is not None}
-            for label, entry in entries.items()
-        }
-        return {int(label): Material(**{**entry, **colors[label]}) for label, entry in entries.items()}
+        for entry in entries.values():
+            for name in WITHDRAWN:
+                entry.pop(name, None)
+            if "rgba" in entry:
+                entry["rgba"] = tuple(entry["rgba"])
+        return {int(label): Material(**entry) for label, entry in entries.items()}
     except MjframesError as error:
         raise MjframesError(f"{path}: {error}") from error
     except (AttributeError, KeyError, TypeError, ValueError) as error:

@@ -26,7 +26,6 @@ class Material:
     name, rgba: how it is called and drawn.
     is_rigid: made by `Material.rigid`.
     law_constants: of a law for large strains, by name, where those of `young` and `poisson` will not do; see `laws`.
-    veins: colour of veins that are drawn on it, as fat in meat, None for none.  vein_spacing: about how far apart [m].
 
     Raise MjframesError for values outside these ranges.
     """
@@ -38,8 +37,6 @@ class Material:
     rgba: tuple[float, float, float, float] = (0.8, 0.6, 0.55, 1.0)
     is_rigid: bool = False
     law_constants: Mapping[str, float] = field(default_factory=dict, hash=False)
-    veins: tuple[float, float, float, float] | None = None
-    vein_spacing: float = 0.03
 
     def __post_init__(self) -> None:
         of = f" of material {self.name!r}" if self.name else ""
@@ -57,12 +54,8 @@ class Material:
                 f"density{of} is {self.density!r}; it must be a positive density in kg/m³, "
                 f"{DENSITY[0]:g} to {DENSITY[1]:g}."
             )
-        colors = {"rgba": self.rgba} | ({} if self.veins is None else {"veins": self.veins})
-        for what, color in colors.items():
-            if np.shape(color) != (4,) or not all(is_number(c) and 0 <= c <= 1 for c in color):
-                raise MjframesError(f"{what}{of} is {color!r}; it must be four numbers between 0 and 1.")
-        if not (is_number(self.vein_spacing) and self.vein_spacing > 0):
-            raise MjframesError(f"vein_spacing{of} is {self.vein_spacing!r}; it must be a positive length in metres.")
+        if np.shape(self.rgba) != (4,) or not all(is_number(c) and 0 <= c <= 1 for c in self.rgba):
+            raise MjframesError(f"rgba{of} is {self.rgba!r}; it must be four numbers between 0 and 1.")
         constants = self.law_constants
         if not isinstance(constants, Mapping) or not all(map(is_number, constants.values())):
             raise MjframesError(f'law_constants{of} is {constants!r}; it must map names to numbers, as {{"mu": 2e4}}.')
@@ -74,13 +67,9 @@ class Material:
         *,
         name: str = "",
         rgba: tuple[float, float, float, float] = (0.93, 0.9, 0.8, 1.0),
-        veins: tuple[float, float, float, float] | None = None,
-        vein_spacing: float = 0.03,
     ) -> Material:
         """Return a material that does not deform: all its points share one weight vector (the paper, §4.4)."""
-        return cls(
-            RIGID_YOUNG, RIGID_POISSON, density, name, rgba, is_rigid=True, veins=veins, vein_spacing=vein_spacing
-        )
+        return cls(RIGID_YOUNG, RIGID_POISSON, density, name, rgba, is_rigid=True)
 
     @classmethod
     def named(cls, name: str) -> Material:

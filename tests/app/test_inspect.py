@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from mjframes.app.pictures.keys import categorical
 from mjframes.app.pictures.page import draw_page
 from mjframes.app.pictures.slices import axis_name, bounds, directions, draw_cut
 from mjframes.app.pictures.spectrum import natural_frequencies, region_spectra
-from mjframes.app.pictures.views import Camera, cameras, glass, paint, radiograph, shoot
+from mjframes.app.pictures.surface import draw_surface, surface_of, view_direction
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
@@ -105,59 +106,30 @@ def test_distance_is_in_millimetres_per_kilopascal() -> None:
 
 
 def test_the_surface_shows_the_voxels_under_it() -> None:
-    """From above, each pixel of a block shows the voxel of the top layer at its x, y."""
+    """Each triangle is in the colour of the voxel behind it, seen from outside and from both sides in turn."""
     body = build(gel(12, 9, 3), 1)
     grid = voxel_grid(body.fields.volume)
-    for camera in cameras(body.skin.vertices):
-        frame = np.stack([camera.right, camera.up, camera.toward])
-        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(frame) > 0
-        assert abs(camera.toward).argmax() == 2  # the broad side
-        shot = shoot(camera, body.skin.vertices, body.skin.faces, grid, 120, 80)
-        seen = shot.voxel >= 0
-        row, column = np.nonzero(seen)
-        left, right, bottom, top = shot.extent
-        flat = np.stack([left + (right - left) * (column + 0.5) / 240, bottom + (top - bottom) * (row + 0.5) / 160], 1)
-        offset = camera.project(grid.centers[shot.voxel[seen]]) - flat
-        assert np.linalg.norm(offset, axis=1).max() < 0.02  # two voxels, at the rim
-        assert np.linalg.norm(offset, axis=1).mean() < 0.008
-        wanted = 2 if camera.toward[2] > 0 else 0
-        facing = seen & (shot.facing > camera.toward[2] * (1 if wanted else -1) - 0.02)
-        assert np.mean(grid.index[shot.voxel[facing], 2] == wanted) > 0.95
-        hit = flat.max(axis=0) - flat.min(axis=0)
-        size = np.ptp(camera.project(body.skin.vertices), axis=0)
-        np.testing.assert_allclose(hit, size, atol=3 * (right - left) / 240)  # it fills its projection
-
-
-def test_what_is_in_front_hides_what_is_behind() -> None:
-    labels = np.ones((12, 9, 8), int)
-    labels[:, :, 2:6] = 0
-    labels[5:7, 4:6, 2:6] = 1  # two plates on a pillar
-    body = build(Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.3, 1000)}), 1)
-    grid = voxel_grid(body.fields.volume)
-    camera = Camera(*np.eye(3))
-    shot = shoot(camera, body.skin.vertices, body.skin.faces, grid, 60, 40)
-    layer = grid.index[shot.voxel[shot.voxel >= 0], 2]
-    assert np.mean(layer == 7) > 0.9
-    assert layer.min() >= 6
-
-
-def test_painting_keeps_colours_and_marks_lines(body: SoftBody, grid: Grid) -> None:
-    shot = shoot(cameras(body.skin.vertices)[0], body.skin.vertices, body.skin.faces, grid, 120, 80)
-    plain = paint(shot, np.tile([1.0, 0.5, 0.0, 1.0], (len(grid.index), 1)))
-    assert plain.shape == (80, 120, 4)
-    solid = plain[..., 3] == 1
-    lit = solid & (plain[..., 0] > 0.5)
-    np.testing.assert_allclose(plain[lit][:, 1], 0.5 * plain[lit][:, 0], atol=0.06)  # shade keeps the hue
-    assert plain[lit].max() > 0.95
-    lined = paint(shot, np.ones((len(grid.index), 4)), body.fields.region)
-    unlined = paint(shot, np.ones((len(grid.index), 4)))
-    dark, before = (np.mean(image[solid][:, 0] < 0.5) for image in (lined, unlined))
-    assert before + 0.02 < dark < 0.35
-    for image in (glass(shot), radiograph(shot, grid, grid.piece >= 0, (0.2, 0.2, 0.2))):
-        assert image.shape == (80, 120, 4)
-        assert 0 < image[..., 3].max() <= 1
-        assert image[0, 0, 3] == 0
+    surface = surface_of(grid, body.skin.vertices, body.skin.faces)
+    behind = grid.centers[surface.voxel] - surface.corners.mean(axis=1)
+    assert np.linalg.norm(behind, axis=1).max() < 0.01
+    assert (np.sum(behind * surface.normals, axis=1) < 0).all()
+    toward = view_direction(surface.corners)
+    assert np.linalg.norm(toward) == pytest.approx(1)
+    assert abs(toward).argmax() == 2  # the broad side
+    colors = np.random.default_rng(0).random((len(grid.index), 4))
+    colors[:, 3] = 1
+    shown = []
+    for back in (False, True):
+        axes = Figure().add_subplot(projection="3d")
+        draw_surface(axes, surface, colors, back)
+        drawn: Any = axes.collections[0]
+        seen = surface.normals @ toward * (-1 if back else 1) > 0
+        painted = drawn._facecolor3d[:, :3]  # in the order given; `get_facecolor` sorts by depth
+        hue = painted / np.linalg.norm(painted, axis=1)[:, None]
+        wanted = colors[surface.voxel[seen], :3]
+        np.testing.assert_allclose(hue, wanted / np.linalg.norm(wanted, axis=1)[:, None], atol=1e-6)  # shaded
+        shown.append(seen)
+    assert (shown[0] ^ shown[1]).mean() > 0.99
 
 
 def test_slices_lie_where_their_scales_say() -> None:
@@ -194,19 +166,22 @@ def test_slices_lie_where_their_scales_say() -> None:
 def test_nothing_leaves_the_page_or_overlaps(shape: tuple[int, int, int]) -> None:
     body = build(gel(*shape), 1)
     grid = voxel_grid(body.fields.volume)
-    front, back = cameras(body.skin.vertices)
-    shots = tuple(shoot(c, body.skin.vertices, body.skin.faces, grid, 64, 34) for c in (front, back))
+    surface = surface_of(grid, body.skin.vertices, body.skin.faces)
     picture = next(field_pictures(body, grid))
     figure = Figure(figsize=(15, 8.2))
-    draw_page(figure, picture, grid, (shots[0], shots[1]), "caption")
-    boxes = [axes.get_position() for axes in figure.axes]
-    assert len(boxes) == 6  # two views, three slices, one colour bar
+    draw_page(figure, picture, grid, surface, "caption")
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    bars = [bar for axes in figure.axes for bar in axes.child_axes]
+    boxes = [axes.get_position() for axes in [*figure.axes, *bars]]
+    assert len(boxes) == 7  # two views, three slices, a key, its colour bar
     for box in boxes:
         assert min(box.x0, box.y0, 1 - box.x1, 1 - box.y1) >= 0
-    drawn = [box.expanded(0.99, 0.99) for box in boxes]
+    drawn = [box.expanded(0.99, 0.99) for box in boxes[:6]]
     assert not any(drawn[a].overlaps(drawn[b]) for a in range(6) for b in range(a))
-    assert max(boxes[5].width * 15, boxes[5].height * 8.2) > 1  # a bar that can be read
-    everything = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())  # with titles, scales and the legend
+    (bar,) = bars
+    assert bar.get_window_extent(renderer).height / figure.dpi > 1  # a bar that can be read
+    everything = figure.get_tightbbox(renderer)  # with titles, scales and the legend
     assert min(everything.x0, everything.y0, 15 - everything.x1, 8.2 - everything.y1) >= 0
     sizes = []
     for axes in figure.axes[2:5]:  # all at one scale

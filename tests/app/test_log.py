@@ -172,30 +172,6 @@ def test_what_foxglove_draws_is_where_mujoco_has_it(fallen: tuple[mujoco.MjModel
     assert touched > 0
 
 
-def test_the_schemas_are_those_of_foxgloves_own_sdk(fallen: tuple[mujoco.MjModel, Path]) -> None:
-    messages = pytest.importorskip("foxglove.messages")
-    from google.protobuf.descriptor_pb2 import FileDescriptorSet
-    from mcap.reader import make_reader
-
-    def fields(schema: bytes) -> dict[str, list[tuple]]:
-        return {
-            f"{file.package}.{kind.name}": sorted((f.number, f.name, f.type, f.type_name, f.label) for f in kind.field)
-            for file in FileDescriptorSet.FromString(schema).file
-            for kind in file.message_type
-        }
-
-    with fallen[1].open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    logged = [schema for schema in summary.schemas.values() if schema.encoding == "protobuf"]
-    assert len(logged) == 3
-    for schema in logged:
-        theirs = fields(getattr(messages, schema.name.removeprefix("foxglove.")).get_schema().data)
-        found = fields(schema.data)
-        assert len(theirs) > 1
-        assert {name: found[name] for name in theirs} == theirs
-
-
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> tuple[mujoco.MjModel, Path]:
     """A ball of 12 cm, its halves of two materials, that falls on a floor and filmed."""
@@ -530,17 +506,6 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         read_log(tmp_path / "a.mcap")
     with pytest.raises(MjframesError, match=r"b\.mcap: the log cannot be read"):
         read_log(tmp_path / "b.mcap")
-
-
-def test_points_are_written_as_protobuf_writes_them() -> None:
-    from foxglove_schemas_protobuf.Point3_pb2 import Point3
-    from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
-
-    points = np.random.default_rng(0).normal(size=(50, 3))
-    points[3, 1] = 0
-    slow = TriangleListPrimitive(points=[Point3(x=x, y=y, z=z) for x, y, z in points.tolist()])
-    assert TriangleListPrimitive.FromString(drawing.point_bytes(points)) == slow
-    assert not TriangleListPrimitive.FromString(drawing.point_bytes(points[:0])).points
 
 
 def test_what_a_scene_names_goes_along(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,6 +26,7 @@ import numpy as np
 import pytest
 from builders.scenes import FLOOR, compiled, lump
 
+from examples.steak import draw_veins
 from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
@@ -36,6 +38,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.cli.commands import main
 from mjframes.frames.supports import Fixed
+from mjframes.scene.attach import attach
 from mjframes.scene.scaling import stiffness
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -283,9 +286,11 @@ def test_everything_is_on_the_page_and_follows_its_body() -> None:
         run, scene = shown.simulation, shown.stage
         assert [body for _, body in scene.rigid] == [1] * 8  # a capsule is three
         shapes = {node.name: node for node, _ in scene.rigid}
-        parts = [name.rsplit("/", 1)[1] for name in shapes]
-        assert sorted(parts) == ["-1", "1", "ball", "ball", "box", "mesh", "side", "side"]
-        box, wedge = shapes["/bodies/1/5/box"], shapes["/bodies/1/8/mesh"]
+        kinds = {kind: len(list(found)) for kind, found in groupby(sorted(type(n).__name__ for n in shapes.values()))}
+        assert kinds == {"BoxHandle": 1, "CylinderHandle": 2, "IcosphereHandle": 4, "MeshHandle": 1}
+        ends = [shapes[f"/bodies/1/6/{k}"].position[2] for k in (1, 2)]
+        assert ends == pytest.approx([-0.2, 0.2])
+        box, wedge = shapes["/bodies/1/5/0"], shapes["/bodies/1/8/0"]
         assert isinstance(box, viser.BoxHandle)
         assert isinstance(wedge, viser.MeshHandle)
         assert tuple(box.color) == (255, 0, 0)
@@ -299,7 +304,7 @@ def test_everything_is_on_the_page_and_follows_its_body() -> None:
         assert frame.position == pytest.approx(run.data.xpos[1])
         assert frame.wxyz == pytest.approx(run.data.xquat[1])
         assert run.data.xpos[1, 2] < 0.99
-        names = {f"/bodies/0/{geom}/{part}" for geom, part in ((0, "slab"), (0, "lines"), (1, "mesh"))} | {"/lights/0"}
+        names = {f"/bodies/0/{geom}/{part}" for geom, part in ((0, "0"), (0, "0/lines"), (1, "0"))} | {"/lights/0"}
         assert all(shown.server.scene.get_handle_by_name(name) is not None for name in names)
         assert shown.server.scene.get_handle_by_name("/bodies/0/2") is None
 
@@ -393,9 +398,11 @@ def test_windows_of_several_scenes_open_one_after_the_other(tmp_path: Path, monk
 @needs_viser
 def test_veins_are_on_the_page() -> None:
     """A veined skin is drawn in pieces of several colours that together have all of its triangles, and follow it."""
-    veined = Material(6e4, 0.4, 1000, rgba=(0.6, 0, 0, 1), veins=(1, 1, 1, 1), vein_spacing=0.02)
-    volume = Volume.from_labels(np.ones((8, 8, 3), int), 0.01, {1: veined})
-    model, _ = compiled("<mujoco/>", (build(volume, 2), (0, 0, 0), (1, 0, 0, 0)))
+    meat = Material(6e4, 0.4, 1000, name="meat", rgba=(0.6, 0, 0, 1))
+    spec, volume = mujoco.MjSpec(), Volume.from_labels(np.ones((8, 8, 3), int), 0.01, {1: meat})
+    attach(spec, build(volume, 2), "soft")
+    draw_veins(spec, "soft", {"meat": (1, 1, 1)})
+    model = spec.compile()
     with page({"meat": model}, port=0) as shown:
         pieces = shown.stage.skins
         shades = sorted(int(piece.node.color[1]) for piece in pieces)
@@ -414,14 +421,14 @@ def test_veins_are_on_the_page() -> None:
 
 @needs_viser
 def test_sliders_of_several_controls_of_an_actuator_have_its_name() -> None:
-    """And those after it have theirs: there are more controls than actuators."""
+    """As `--ctrl` names them; and those after it have theirs: there are more controls than actuators."""
     arm = """<body pos="2 0 0"><joint name="lift" axis="0 1 0"/><geom size=".1"/>
       <body pos="1 0 0"><joint name="wrist" type="ball"/><geom size=".1"/></body></body></worldbody><actuator>
       <orientation name="turn" joint="wrist" kp="1" ctrlrange="-1 1"/>
       <general joint="lift" ctrlrange="-1 2"/></actuator>"""
     with page({"arm": mujoco.MjModel.from_xml_string(ROOM.replace("</worldbody>", arm))}, port=0) as shown:
         sliders = shown.controls.actuators
-        assert [sliders[k].label for k in sorted(sliders)] == ["turn 0", "turn 1", "turn 2", "actuator 1"]
+        assert [sliders[k].label for k in sorted(sliders)] == ["turn:0", "turn:1", "turn:2", "control 3"]
         assert sliders[3].max == 2
 
 

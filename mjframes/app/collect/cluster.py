@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import os
 import socket
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.shard import shard_bytes
 from mjframes.base.errors import MjframesError
+from mjframes.base.packages import optional
 
 RETRIES = 20  # [a shard] after its worker died
 PATIENCE = 10.0  # [s] for a cluster's first answer; Ray itself would wait for minutes
@@ -26,10 +25,7 @@ def on_cluster(
     address: of the cluster, "local" for a new one on this machine.  threads: of each task.
     Raise MjframesError where Ray is not installed or the cluster cannot be reached.
     """
-    try:
-        ray: Any = importlib.import_module("ray")  # in no other extra, so unknown to type checkers
-    except ImportError as error:
-        raise MjframesError('a cluster needs ray, which is not installed; pip install "mjframes[ray]".') from error
+    ray = optional("ray", "a cluster", "ray")
     try:
         _knock(address)
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster started here sends nothing home

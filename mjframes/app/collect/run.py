@@ -24,6 +24,7 @@ from mjframes.app.collect.variation import checked
 from mjframes.app.log.worlds import WORLD
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 from mjframes.base.threads import processors
 from mjframes.scene.load import load_scene
 from mjframes.scene.packed import pack
@@ -77,7 +78,7 @@ def collect(
     """
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise MjframesError(f"threads is {threads!r}; give a whole number from 1 on.")
-    _check_packages()
+    optional("mcap.writer", "a shard", "log")
     _, spec = load_scene(scene)
     files = pack(spec)
     bounds = _bounds_by_name(vary, "vary"), _bounds_by_name(push, "push")
@@ -111,13 +112,6 @@ def _bounds_by_name(given: object, what: str) -> tuple[tuple[str, Bounds], ...]:
     if not isinstance(pairs, Sequence) or not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in pairs):
         raise MjframesError(f"{what} is {given!r}; give bounds by name, as {{'steak.stiffness': (0.5, 2)}}.")
     return tuple((str(name), checked(bounds, f"{what} of {str(name)!r}")) for name, bounds in pairs)
-
-
-def _check_packages() -> None:
-    try:
-        import mcap.writer  # noqa: F401
-    except ImportError as error:
-        raise MjframesError('shards need mcap, which is not installed; pip install "mjframes[log]".') from error
 
 
 def _clear(folder: Path) -> None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 
 from mjframes.app.collect.plan import Bounds
 from mjframes.base.errors import MjframesError
@@ -44,32 +45,76 @@ class Variation:
     def name(self) -> str:
         return f"{self.body}.{self.what}"
 
+    @property
+    def is_factor(self) -> bool:
+        """Return whether it is of a material, and not of the start."""
+        return self.what not in SHIFTS + TURNS
+
     def draw(self, seed: int, world: int) -> float:
         """Return the value of a world."""
         low, high = self.bounds
         share = stream(seed, world, self.name).random()
-        if self.what in SHIFTS + TURNS:
-            return low + (high - low) * share
-        return float(low * (high / low) ** share)
+        return float(low * (high / low) ** share) if self.is_factor else low + (high - low) * share
 
 
-def variations(vary: Sequence[tuple[str, Bounds]]) -> tuple[Variation, ...]:
+def variations(model: mujoco.MjModel, vary: Sequence[tuple[str, Bounds]]) -> tuple[Variation, ...]:
     """Return what is asked for as `steak.stiffness`, with bounds.
 
-    Raise MjframesError for other texts, factors that are not positive, and what is asked for twice.
+    Raise MjframesError for other texts, factors that are not positive, what is asked for twice, and what the model
+    does not have.
     """
     found: dict[str, Variation] = {}
     for name, bounds in vary:
         body, dot, what = name.rpartition(".")
         if not (dot and body and what):
             raise MjframesError(f"vary has {name!r}; give BODY and what of it, as steak.stiffness.")
-        low, _ = bounds
-        if what not in SHIFTS + TURNS and low <= 0:
-            raise MjframesError(f"vary of {name!r} goes from {low:g}; factors are positive, as 0.5:2.")
+        one = Variation(body, what, bounds)
+        if one.is_factor and bounds[0] <= 0:
+            raise MjframesError(f"vary of {name!r} goes from {bounds[0]:g}; factors are positive, as 0.5:2.")
         if name in found:
             raise MjframesError(f"vary has {name!r} twice; leave one of them out.")
-        found[name] = Variation(body, what, bounds)
+        known = materials(model, body)
+        if what not in KEYS and [what in (called, str(label)) for label, called in known.items()].count(True) != 1:
+            can = ", ".join([*KEYS, *(called or str(label) for label, called in known.items())])
+            raise MjframesError(f"vary has {name!r}, but what of {body!r} can vary is: {can}.")
+        if one.is_factor:
+            scale(model, body)  # changes nothing, but tells of a body that cannot be scaled
+        found[name] = one
     return tuple(found.values())
+
+
+def set_materials(batch: Batch, found: Sequence[Variation], drawn: Sequence[Mapping[str, float]]) -> None:
+    """Give each world of a batch the materials that are drawn for it; what is not drawn stays as it is."""
+    factors: dict[str, dict[str, np.ndarray]] = {}
+    for one in found:
+        if one.is_factor:
+            factors.setdefault(one.body, {})[one.what] = np.array([some[one.name] for some in drawn])
+    ones = np.ones(len(drawn))
+    for body, of in factors.items():
+        common, damping = of.get(STIFFNESS, ones), None
+        stiffness: dict[int | str, np.ndarray] | None = None
+        if of.keys() - set(DAMPING):
+            known = materials(batch.model, body).items()
+            stiffness = {label: common * of.get(called, of.get(str(label), ones)) for label, called in known}
+        if of.keys() & set(DAMPING):
+            damping = np.stack([of.get(what, ones) for what in DAMPING], axis=1)
+        scale(batch, body, stiffness, damping=damping)
+
+
+def movables(model: mujoco.MjModel, data: mujoco.MjData, found: Sequence[Variation]) -> dict[str, Movable]:
+    """Return the bodies whose start varies; data: at the start.  Raise MjframesError for what cannot be moved."""
+    return {one.body: movable(model, data, one.body) for one in found if not one.is_factor}
+
+
+def starts(qpos: np.ndarray, moved: Mapping[str, Movable], drawn: Sequence[Mapping[str, float]]) -> np.ndarray:
+    """Return `qpos` (n, nq) at the start of n worlds.  qpos: (nq,) of the scene's start."""
+    found, turn = np.tile(qpos, (len(drawn), 1)), np.empty(4)
+    for row, values in zip(found, drawn, strict=True):
+        for body, some in moved.items():
+            shift, angles = ([values.get(f"{body}.{what}", 0.0) for what in keys] for keys in (SHIFTS, TURNS))
+            mujoco.mju_euler2Quat(turn, np.radians(angles), "XYZ")  # capitals: about axes that do not turn
+            some.move(row, np.array(shift), turn)
+    return found
 
 
 def checked(bounds: object, what: str) -> Bounds:
@@ -83,61 +128,3 @@ def stream(seed: int, world: int, name: str) -> np.random.Generator:
     """Return the random numbers of one name in one world."""
     key = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(world, key))))
-
-
-class Varied:
-    """A model's materials and start as the variations make them.
-
-    model: whose `numeric_data` is written to in between.  data: at the start, after `mj_forward`.
-    Raise MjframesError for bodies that the model does not have, or whose material or start cannot be changed.
-    """
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, found: Sequence[Variation]) -> None:
-        self._model, self._built, self._start = model, model.numeric_data.copy(), data.qpos.copy()
-        self._factors: dict[str, list[str]] = {}
-        self._movable: dict[str, Movable] = {}
-        for one in found:
-            if one.what not in SHIFTS + TURNS:
-                self._factors.setdefault(one.body, []).append(one.what)
-            elif one.body not in self._movable:
-                self._movable[one.body] = movable(model, data, one.body)
-            if one.what not in KEYS and len(_labels(model, one)) != 1:
-                own = [called or str(label) for label, called in materials(model, one.body).items()]
-                known = ", ".join([*KEYS, *own])
-                raise MjframesError(f"vary has {one.name!r}, but what of {one.body!r} can vary is: {known}.")
-        self.numerics({})  # what cannot be scaled is told of now
-
-    def numerics(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return `numeric_data` for drawn values; what is not drawn stays as it is."""
-        try:
-            for body, factors in self._factors.items():
-                of = {what: values.get(f"{body}.{what}", 1.0) for what in factors}
-                damping = [of.get(what, 1.0) for what in DAMPING] if of.keys() & set(DAMPING) else None
-                scale(self._model, body, self._stiffness(body, of), damping=damping)
-            return self._model.numeric_data.copy()
-        finally:
-            self._model.numeric_data[:] = self._built
-
-    def _stiffness(self, body: str, of: Mapping[str, float]) -> float | dict[int | str, float] | None:
-        """Factors of moduli as `scale` takes them, from those that are drawn for a body."""
-        common = of.get(STIFFNESS)
-        if not of.keys() - set(KEYS):
-            return common
-        known = materials(self._model, body).items()
-        return {label: (common or 1.0) * of.get(called, of.get(str(label), 1.0)) for label, called in known}
-
-    def qpos(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return `qpos` at the start for drawn values."""
-        found = self._start.copy()
-        for body, some in self._movable.items():
-            shift = np.array([values.get(f"{body}.{what}", 0.0) for what in SHIFTS])
-            angles = np.radians([values.get(f"{body}.{what}", 0.0) for what in TURNS])
-            turn = np.empty(4)
-            mujoco.mju_euler2Quat(turn, angles, "XYZ")  # capitals: about axes that do not turn
-            some.move(found, shift, turn)
-        return found
-
-
-def _labels(model: mujoco.MjModel, one: Variation) -> list[int]:
-    """The materials that a variation's `what` may mean."""
-    return [label for label, called in materials(model, one.body).items() if one.what in (called, str(label))]

@@ -17,7 +17,7 @@ from mujoco.batch import Batch, SimulationError
 
 from mjframes.app.collect.plan import Plan
 from mjframes.app.collect.push import LENGTH, pushes
-from mjframes.app.collect.variation import Varied, stream, variations
+from mjframes.app.collect.variation import movables, set_materials, starts, stream, variations
 from mjframes.app.watch import FOLDED, Overlaps
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
@@ -62,8 +62,8 @@ class Stepping:
         with mujoco_warnings() as warnings:
             self.data = start(model, warnings)
             mujoco.mj_forward(model, self.data)
-        self._variations = variations(plan.vary)
-        self._varied = Varied(model, self.data, self._variations)
+        self._variations = variations(model, plan.vary)
+        self._start, self._moved = self.data.qpos.copy(), movables(model, self.data, self._variations)
         self.pushes = pushes(model, self.data, plan.push, plan.seconds)
         if plan.control == "random" and not model.nu:
             raise MjframesError("control is 'random', but the scene has no actuators; leave it out.")
@@ -87,11 +87,9 @@ class Stepping:
         ticks = range(0, steps, stride)
         drawn = tuple(self.draw(world) for world in worlds)
         batch = Batch(model, n, threads, persistent=bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP))
-        if model.nnumeric:
-            batch.expand("numeric_data")[:] = [self._varied.numerics(some) for some in drawn]
-        starts = np.array([self._varied.qpos(some) for some in drawn])
-        batch.bind("qpos")[:] = starts
-        inputs = _Inputs(self, worlds, drawn, starts)
+        set_materials(batch, self._variations, drawn)
+        batch.bind("qpos")[:] = begun = starts(self._start, self._moved, drawn)
+        inputs = _inputs(self, worlds, drawn, begun)
         sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu, "sensors": model.nsensordata}
         kept = {name: np.zeros((n, len(ticks), size)) for name, size in sizes.items()}
         count, ended, going = np.zeros(n, int), [""] * n, np.arange(n)
@@ -133,20 +131,25 @@ class Stepping:
         qpos: (n, t, nq) of the entries.  count: (n,) how many of these each world has.
         """
         last = _steps(FOLDED, 1 / self.plan.rate)
-        names = view.soft_names(self.model)
-        for name in names:
-            body, grown, folded = view.soft(self.model, self.data, name).quiet(), [], []
-            for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
-                found = [self._looked_at(body, entry) for entry in entries[max(0, number - last) : number]]
-                grown += [world] * bool(found and found[-1][0])
-                folded += [world] * (len(found) == last and all(some for _, some in found))
+        bodies = {name: view.soft(self.model, self.data, name).quiet() for name in view.soft_names(self.model)}
+        kept = [entries[:number] for entries, number in zip(qpos, count.tolist(), strict=True)]
+        for name, body in bodies.items():
+            looks = [[self._looked_at(body, entry) for entry in entries[-last:]] for entries in kept]
+            grown = [world for world, found in zip(worlds, looks, strict=True) if found and found[-1][0]]
+            folded = [
+                world
+                for world, found in zip(worlds, looks, strict=True)
+                if len(found) == last and all(is_folded for _, is_folded in found)
+            ]
             for what, some in (("far larger than at rest", grown), ("folded over, inside out,", folded)):
                 if some:
                     warn(f"{name!r} is {what} at the end of {len(some)} worlds, the first of them {some[0]}")
-        overlaps = Overlaps(self.model, {name: view.soft(self.model, self.data, name).quiet() for name in names})
+        overlaps = Overlaps(self.model, bodies)
         inside: dict[tuple[str, str], list[tuple[int, float]]] = {}
-        for world, entries, number in zip(worlds, qpos, count.tolist(), strict=True):
-            self.data.qpos[:] = entries[number - 1]
+        for world, entries in zip(worlds, kept, strict=True):
+            if not len(entries):
+                continue
+            self.data.qpos[:] = entries[-1]
             mujoco.mj_fwdPosition(self.model, self.data)
             for pair, depth in overlaps.find(self.data).items():
                 inside.setdefault(pair, []).append((world, depth))
@@ -160,44 +163,48 @@ class Stepping:
         return body.size_ratio > GROWN, body.is_folded
 
 
+@dataclass(frozen=True, eq=False)
 class _Inputs:
-    """What is put on worlds in each step: controls (nu) and wrenches (6 nbody), as `mujoco.batch` takes them."""
+    """What is put on n worlds in each step: controls and wrenches, as `mujoco.batch` takes them.
 
-    def __init__(
-        self, stepping: Stepping, worlds: Sequence[int], drawn: Sequence[dict[str, float]], starts: np.ndarray
-    ) -> None:
-        model, plan = stepping.model, stepping.plan
-        timestep = model.opt.timestep
-        self._sizes = model.nu, 6 * model.nbody
-        self._hold, self._length = _steps(HOLD, timestep), _steps(LENGTH, timestep)
-        self._controls = np.zeros((len(worlds), _steps(plan.seconds, timestep) // self._hold + 1, model.nu))
-        if plan.control == "random":
-            limited = model.actuator_ctrllimited.astype(bool)
-            low, high = (np.where(limited, model.actuator_ctrlrange[:, k], side) for k, side in enumerate((-1, 1)))
-            for row, world in zip(self._controls, worlds, strict=True):
-                row[:] = low + (high - low) * stream(plan.seed, world, "control").random(row.shape)
-        self._pushes: list[list[tuple[int, np.ndarray]]] = []  # of each world: first step, wrench
-        for some, qpos in zip(drawn, starts, strict=True):
-            stepping.data.qpos[:] = qpos
-            mujoco.mj_kinematics(model, stepping.data)
-            mujoco.mj_comPos(model, stepping.data)
-            self._pushes.append(
-                [
-                    (round(some[f"{push.body}.push.time"] / timestep), push.wrenches(stepping.data, some).ravel())
-                    for push in stepping.pushes
-                ]
-            )
+    controls: (n, blocks, nu), each for `hold` steps.
+    first, wrenches: (n, p) steps at which pushes start and (n, p, 6 nbody), each for `length` steps.
+    """
+
+    hold: int
+    controls: np.ndarray
+    length: int
+    first: np.ndarray
+    wrenches: np.ndarray
 
     def during(self, worlds: np.ndarray, span: range) -> np.ndarray:
         """Return what some of the worlds get in each step of a span, (n, steps, nu + 6 nbody)."""
-        nu, rest = self._sizes
-        found = np.zeros((len(worlds), len(span), nu + rest))
-        if nu:
-            found[:, :, :nu] = self._controls[worlds[:, None], np.array(span) // self._hold]
-        for row, world in zip(found, worlds.tolist(), strict=True):
-            for first, wrench in self._pushes[world]:
-                row[max(0, first - span.start) : max(0, first + self._length - span.start), nu:] += wrench
-        return found
+        steps, first = np.array(span), self.first[worlds][:, None]
+        lasts = (first <= steps[:, None]) & (steps[:, None] < first + self.length)
+        pushed = np.einsum("nsp,npw->nsw", lasts.astype(float), self.wrenches[worlds])
+        return np.concatenate([self.controls[worlds[:, None], steps // self.hold], pushed], axis=2)
+
+
+def _inputs(stepping: Stepping, worlds: Sequence[int], drawn: Sequence[dict[str, float]], begun: np.ndarray) -> _Inputs:
+    """Return what is put on worlds.  drawn: for each.  begun: (n, nq) where they start."""
+    model, plan, data = stepping.model, stepping.plan, stepping.data
+    timestep, n, pushed = model.opt.timestep, len(worlds), len(stepping.pushes)
+    hold = _steps(HOLD, timestep)
+    controls = np.zeros((n, _steps(plan.seconds, timestep) // hold + 1, model.nu))
+    if plan.control == "random":
+        limited = model.actuator_ctrllimited.astype(bool)
+        low, high = (np.where(limited, model.actuator_ctrlrange[:, k], side) for k, side in enumerate((-1, 1)))
+        for row, world in zip(controls, worlds, strict=True):
+            row[:] = low + (high - low) * stream(plan.seed, world, "control").random(row.shape)
+    first, wrenches = np.zeros((n, pushed), int), np.zeros((n, pushed, 6 * model.nbody))
+    for i, (some, qpos) in enumerate(zip(drawn, begun, strict=True)):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        for k, push in enumerate(stepping.pushes):
+            first[i, k] = round(some[f"{push.body}.push.time"] / timestep)
+            wrenches[i, k] = push.wrenches(data, some).ravel()
+    return _Inputs(hold, controls, _steps(LENGTH, timestep), first, wrenches)
 
 
 def _steps(seconds: float, timestep: float) -> int:

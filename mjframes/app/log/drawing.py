@@ -8,51 +8,44 @@ are to be looked at, while films are drawn from states.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
-from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
-from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
-from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.Pose_pb2 import Pose
-from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
-from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
-from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from google.protobuf.timestamp_pb2 import Timestamp
+from foxglove.messages import (
+    ArrowPrimitive,
+    Color,
+    CompressedVideo,
+    CubePrimitive,
+    CylinderPrimitive,
+    FrameTransform,
+    FrameTransforms,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    SpherePrimitive,
+    Timestamp,
+    TriangleListPrimitive,
+    Vector3,
+)
 
-from mjframes.app.drawn import drawn_geoms, geom_color, plane_size, skin_color, skin_vertices, surface
+from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_color, skin_vertices
 from mjframes.app.log.coarse import coarse_skins
 from mjframes.app.log.numbers import nanoseconds_of
 
+Drawing = CompressedVideo | FrameTransforms | SceneUpdate
 WORLD = "world"
 HEAD = 0.25  # [-] of an arrow's length that is its head
 RED = (0.9, 0.2, 0.1, 1.0)
 VERTICES = 1000  # of the skins of a body, about: a steak of 0.25 m stays within 3 mm
 ROUNDING = 1e-3  # [-] of the size of all skins at rest, at most: between vertices' places, which then compress
 
-# One Point3 of the field `points` in protobuf's wire format: a thousand of them take 0.1 ms so, 5 ms as objects
-POINT = np.dtype(
-    [("tag", "V2"), ("x_tag", "V1"), ("x", "<f8"), ("y_tag", "V1"), ("y", "<f8"), ("z_tag", "V1"), ("z", "<f8")]
-)
-POINTS_TAG = TriangleListPrimitive.DESCRIPTOR.fields_by_name["points"].number << 3 | 2  # of what has a length
-
-
-def timestamp(time: float) -> Timestamp:
-    """Return simulated time [s] as protobuf has it."""
-    seconds, nanoseconds = divmod(nanoseconds_of(time), 10**9)
-    return Timestamp(seconds=seconds, nanos=nanoseconds)
-
 
 def transforms(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> FrameTransforms:
     """Return where the bodies are in the world."""
-    now = timestamp(time)
+    now = _timestamp(time)
     return FrameTransforms(
         transforms=[
             FrameTransform(
@@ -74,15 +67,10 @@ def frame_name(model: mujoco.MjModel, body: int) -> str:
 
 def rigid_scene(model: mujoco.MjModel) -> SceneUpdate:
     """Return the rigid geoms, one entity a body, which follows that body's frame."""
-    entities = {}
+    pieces: dict[str, list[Shape]] = {}
     for geom in drawn_geoms(model):
-        draw = SHAPES.get(int(model.geom_type[geom]))
-        if draw is None:
-            continue
-        frame = frame_name(model, int(model.geom_bodyid[geom]))
-        new = SceneEntity(timestamp=timestamp(0), frame_id=frame, id=frame, frame_locked=True)
-        draw(model, geom, entities.setdefault(frame, new), _color(geom_color(model, geom)))
-    return SceneUpdate(entities=entities.values())
+        pieces.setdefault(frame_name(model, int(model.geom_bodyid[geom])), []).extend(shapes(model, geom))
+    return SceneUpdate(entities=[_rigid_entity(frame, own) for frame, own in pieces.items()])
 
 
 class Skins:
@@ -93,12 +81,8 @@ class Skins:
         self._names = [model.skin(skin).name or f"skin_{skin}" for skin in range(model.nskin)]
         coarse = coarse_skins(model, VERTICES)
         self._vertices = [skin.vertices for skin in coarse]
-        self._constant = [  # what does not change of their triangles, serialized
-            TriangleListPrimitive(
-                indices=own.faces.ravel().tolist(), color=_color(skin_color(model, skin))
-            ).SerializeToString()
-            for skin, own in enumerate(coarse)
-        ]
+        self._indices = [skin.faces.ravel().tolist() for skin in coarse]
+        self._colors = [_color(skin_color(model, skin)) for skin in range(model.nskin)]
         size = np.ptp(model.skin_vert, axis=0).max()
         self._grid = 2.0 ** math.floor(math.log2(ROUNDING * size)) if size > 0 else 1.0  # a power of 2: few bits
 
@@ -106,15 +90,16 @@ class Skins:
         """Return the skins as they are deformed, one entity each."""
         places = np.round(np.concatenate(skin_vertices(self._model, data, self._scene)) / self._grid) * self._grid
         places += 0.0  # no −0, which differs from 0 in its bits
+        own = zip(self._names, self._vertices, self._indices, self._colors, strict=True)
         return SceneUpdate(
             entities=[
                 SceneEntity(
-                    timestamp=timestamp(time),
+                    timestamp=_timestamp(time),
                     frame_id=WORLD,
                     id=name,
-                    triangles=[TriangleListPrimitive.FromString(point_bytes(places[vertices]) + constant)],
+                    triangles=[TriangleListPrimitive(points=_points(places[vertices]), indices=indices, color=color)],
                 )
-                for name, vertices, constant in zip(self._names, self._vertices, self._constant, strict=True)
+                for name, vertices, indices, color in own
             ]
         )
 
@@ -139,79 +124,34 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> S
                 color=_color(RED),
             )
             arrows.append(arrow)
-    entity = SceneEntity(timestamp=timestamp(time), frame_id=WORLD, id="contact forces", arrows=arrows)
+    entity = SceneEntity(timestamp=_timestamp(time), frame_id=WORLD, id="contact forces", arrows=arrows)
     return SceneUpdate(entities=[entity])
 
 
-def point_bytes(points: np.ndarray) -> bytes:
-    """Return points (n, 3) as the field `points` of a serialized TriangleListPrimitive."""
-    table = np.empty(len(points), POINT)
-    table["tag"] = bytes([POINTS_TAG, POINT.itemsize - 2])
-    for number, axis in enumerate("xyz", start=1):
-        table[f"{axis}_tag"] = bytes([number << 3 | 1])  # eight bytes follow
-        table[axis] = points[:, number - 1]
-    return table.tobytes()
+def video_frame(picture: bytes, camera: str, time: float) -> CompressedVideo:
+    """Return a frame of H.264 in Annex B.  camera: its name."""
+    return CompressedVideo(timestamp=_timestamp(time), frame_id=camera, data=picture, format="h264")
 
 
-def _plane(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    size = plane_size(model, geom)
-    pose = _pose(model, geom, (0, 0, -size[2] / 2))
-    entity.cubes.append(CubePrimitive(pose=pose, size=_vector(size), color=color))
-
-
-def _ball(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    sphere = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
-    size = 2 * (np.repeat(model.geom_size[geom, 0], 3) if sphere else model.geom_size[geom])
-    entity.spheres.append(SpherePrimitive(pose=_pose(model, geom), size=_vector(size), color=color))
-
-
-def _cylinder(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    radius, half, _ = model.geom_size[geom]
-    size = _vector((2 * radius, 2 * radius, 2 * half))
-    cylinder = CylinderPrimitive(pose=_pose(model, geom), size=size, bottom_scale=1, top_scale=1, color=color)
-    entity.cylinders.append(cylinder)
-
-
-def _capsule(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    _cylinder(model, geom, entity, color)
-    radius, half, _ = model.geom_size[geom]
-    for end in (-half, half):
-        pose = _pose(model, geom, (0, 0, end))
-        entity.spheres.append(SpherePrimitive(pose=pose, size=_vector(np.repeat(2 * radius, 3)), color=color))
-
-
-def _box(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    size = _vector(2 * model.geom_size[geom])
-    entity.cubes.append(CubePrimitive(pose=_pose(model, geom), size=size, color=color))
-
-
-def _surface(model: mujoco.MjModel, geom: int, entity: SceneEntity, color: Color) -> None:
-    vertices, faces = surface(model, geom)
-    triangles = TriangleListPrimitive.FromString(point_bytes(vertices))
-    triangles.pose.CopyFrom(_pose(model, geom))
-    triangles.color.CopyFrom(color)
-    triangles.indices.extend(faces.ravel().tolist())
-    entity.triangles.append(triangles)
-
-
-SHAPES: dict[int, Callable[[mujoco.MjModel, int, SceneEntity, Color], None]] = {
-    int(mujoco.mjtGeom.mjGEOM_PLANE): _plane,
-    int(mujoco.mjtGeom.mjGEOM_HFIELD): _surface,
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): _ball,
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): _capsule,
-    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _ball,
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): _cylinder,
-    int(mujoco.mjtGeom.mjGEOM_BOX): _box,
-    int(mujoco.mjtGeom.mjGEOM_MESH): _surface,
-    int(mujoco.mjtGeom.mjGEOM_SDF): _surface,
-}
-
-
-def _pose(model: mujoco.MjModel, geom: int, offset: tuple[float, float, float] = (0, 0, 0)) -> Pose:
-    """Return a geom's pose in its body, moved by `offset` along its own axes."""
-    turned = np.zeros(3)
-    mujoco.mju_rotVecQuat(turned, np.array(offset, float), model.geom_quat[geom])
-    return Pose(position=_vector(model.geom_pos[geom] + turned), orientation=_quaternion(model.geom_quat[geom]))
+def _rigid_entity(frame: str, pieces: Iterable[Shape]) -> SceneEntity:
+    cubes, spheres, cylinders, triangles = [], [], [], []
+    for one in pieces:
+        pose = Pose(position=_vector(one.position), orientation=_quaternion(one.quat))
+        size, color = _vector(one.size), _color(one.rgba)
+        if one.mesh is not None:
+            vertices, faces = one.mesh
+            indices = faces.ravel().tolist()
+            triangles.append(TriangleListPrimitive(pose=pose, points=_points(vertices), indices=indices, color=color))
+        elif one.kind == "box":
+            cubes.append(CubePrimitive(pose=pose, size=size, color=color))
+        elif one.kind == "ball":
+            spheres.append(SpherePrimitive(pose=pose, size=size, color=color))
+        else:
+            cylinders.append(CylinderPrimitive(pose=pose, size=size, bottom_scale=1, top_scale=1, color=color))
+    return SceneEntity(
+        timestamp=_timestamp(0), frame_id=frame, id=frame, frame_locked=True,
+        cubes=cubes, spheres=spheres, cylinders=cylinders, triangles=triangles,
+    )  # fmt: skip
 
 
 def _turn_of_x(direction: np.ndarray) -> np.ndarray:
@@ -222,13 +162,22 @@ def _turn_of_x(direction: np.ndarray) -> np.ndarray:
     return turn / np.linalg.norm(turn)
 
 
-def _vector(values: np.ndarray | tuple[float, float, float]) -> Vector3:
-    x, y, z = map(float, values)
+def _timestamp(time: float) -> Timestamp:
+    """Return simulated time [s] as Foxglove has it."""
+    return Timestamp(*divmod(nanoseconds_of(time), 10**9))
+
+
+def _points(places: np.ndarray) -> list[Point3]:
+    return [Point3(x=x, y=y, z=z) for x, y, z in places.tolist()]
+
+
+def _vector(values: np.ndarray) -> Vector3:
+    x, y, z = values.tolist()
     return Vector3(x=x, y=y, z=z)
 
 
 def _quaternion(values: np.ndarray) -> Quaternion:
-    w, x, y, z = map(float, values)
+    w, x, y, z = values.tolist()
     return Quaternion(w=w, x=x, y=y, z=z)
 
 

@@ -13,20 +13,18 @@ import os
 import time
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 
 from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, sensor_message, state_message
-from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from mcap.writer import Writer
 
-    from mjframes.app.log.drawing import Skins
+    from mjframes.app.log.drawing import Drawing, Skins
     from mjframes.app.recording import Instant, State
 
 METADATA = "mjframes"  # name of the records of what the run was
@@ -48,7 +46,7 @@ class LogWriter:
         self._schemas: dict[str, int] = {}
         self._skins: Skins | None = None
         for topic, schema in schemas(model, soft_names, topics).items():
-            self._register(topic, "json", schema["title"], lambda s=schema: self._json_schema(s))
+            self._register(topic, "jsonschema", schema["title"], json.dumps(schema).encode())
         if "scene" in topics:
             from mjframes.app.log.drawing import Skins, rigid_scene
 
@@ -81,25 +79,20 @@ class LogWriter:
 
     def video(self, picture: bytes, camera: str, now: float) -> None:
         """Log a frame of H.264 in Annex B.  camera: its name.  now: its time [s]."""
-        from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+        from mjframes.app.log.drawing import video_frame
 
-        from mjframes.app.log.drawing import timestamp
-
-        frame = CompressedVideo(timestamp=timestamp(now), frame_id=camera, data=picture, format="h264")
-        self._write_drawing("/video", now, frame)
+        self._write_drawing("/video", now, video_frame(picture, camera, now))
 
     def about(self, facts: Mapping[str, object]) -> None:
         """Log facts of the run, numbers as Python prints them."""
         self._writer.add_metadata(METADATA, {key: str(value) for key, value in facts.items()})
 
-    def _write_drawing(self, topic: str, now: float, message: Any) -> None:
+    def _write_drawing(self, topic: str, now: float, message: Drawing) -> None:
         """Log a message of one of Foxglove's own schemas."""
         if topic not in self._channels:
-            from mcap_protobuf.schema import register_schema
-
-            name = message.DESCRIPTOR.full_name
-            self._register(topic, "protobuf", name, lambda: register_schema(self._writer, type(message)))
-        self._write(topic, now, message.SerializeToString())
+            schema = message.get_schema()
+            self._register(topic, schema.encoding, schema.name, schema.data)
+        self._write(topic, now, message.encode())
 
     def _write(self, topic: str, now: float, message: bytes) -> None:
         nanoseconds = nanoseconds_of(now)
@@ -108,13 +101,12 @@ class LogWriter:
             self._writer.flush()
             self._flushed = time.monotonic()
 
-    def _register(self, topic: str, encoding: str, name: str, schema: Callable[[], int]) -> None:
+    def _register(self, topic: str, encoding: str, name: str, schema: bytes) -> None:
+        """Add the channel of a topic.  encoding: of its schema."""
         if name not in self._schemas:
-            self._schemas[name] = schema()
-        self._channels[topic] = self._writer.register_channel(topic, encoding, self._schemas[name])
-
-    def _json_schema(self, schema: dict[str, Any]) -> int:
-        return self._writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
+            self._schemas[name] = self._writer.register_schema(name, encoding, schema)
+        messages = encoding.removesuffix("schema")  # messages of a "jsonschema" are "json"
+        self._channels[topic] = self._writer.register_channel(topic, messages, self._schemas[name])
 
 
 @contextmanager
@@ -130,16 +122,10 @@ def log_file(
     soft_names: the soft bodies.  topics: some of `options.TOPICS`.  files: to attach, by name.
     Raise MjframesError where a package is missing or the file cannot be written.
     """
-    try:
-        import foxglove_schemas_protobuf  # noqa: F401
-        import mcap_protobuf  # noqa: F401
-        from mcap.writer import Writer
-    except ImportError as error:
-        raise MjframesError(
-            f'a log needs {error.name}, which is not installed; pip install "mjframes[log]".'
-        ) from error
+    optional("foxglove.messages", "a log", "log", "foxglove-sdk")
+    mcap = optional("mcap.writer", "a log", "log")
     with replacing(path, "the log") as partial, partial.open("wb") as stream:
-        writer = Writer(stream, CHUNK)
+        writer = mcap.Writer(stream, CHUNK)
         writer.start(profile="", library="mjframes")
         attach(writer, files)
         yield LogWriter(writer, model, soft_names, topics)

@@ -1,27 +1,36 @@
-"""Colours of values and of numbers, and the keys that explain them."""
+"""Colours of numbers, and the keys that explain colours."""
 
 from __future__ import annotations
 
 import colorsys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.app.pictures.page import Key, Place
-
 if TYPE_CHECKING:
-    from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.ticker import Formatter
 
 Color = tuple[float, float, float, float] | NDArray[np.float64]
 Legend = Sequence[tuple[str, Color]]  # names and their colours
 
-ROW, LETTER = 0.21, 0.075  # [inch] of a legend
+MOST = 26  # rows of a legend
 NOTHING = (0.86, 0.86, 0.86, 1.0)  # where a field has no value
 NO_COLOR = (0.0, 0.0, 0.0, 0.0)  # of lines in a legend that are only text
+
+
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """A bar of colours: what gives a value its colour, what the values are, its marks and how these are written."""
+
+    scheme: ScalarMappable
+    label: str
+    ticks: Sequence[float] | None = None
+    form: Formatter | None = None
 
 
 def categorical(count: int) -> NDArray[np.float64]:
@@ -32,83 +41,22 @@ def categorical(count: int) -> NDArray[np.float64]:
     return np.array([(*colorsys.hsv_to_rgb(h, s, v), 1.0) for h, s, v in zip(hue, saturation, value, strict=True)])
 
 
-def graded(values: NDArray[np.float64], norm: Normalize, scheme: str) -> NDArray[np.float64]:
-    """Return the colours (n, 4) of values (n,)."""
-    import matplotlib
+def draw_key(axes: Axes, legend: Legend, bar: Bar | None) -> None:
+    """Draw names and their colours, as many as there is room for, and below them a bar of colours."""
+    from matplotlib.patches import Patch
 
-    return np.asarray(matplotlib.colormaps[scheme](norm(values)))
-
-
-def color_bar(
-    norm: Normalize,
-    scheme: str,
-    label: str,
-    legend: Legend = (),
-    *,
-    ticks: Sequence[float] | None = None,
-    form: Formatter | None = None,
-) -> Key:
-    """Return a key with a bar of colours and, beside it, names of single colours. ticks, form: of the bar's scale."""
-
-    def draw(figure: Figure, place: Place) -> None:
-        from matplotlib.cm import ScalarMappable
-
-        left, bottom, width, height = place
-        w, h = figure.get_size_inches()
-        if wide := width > 2 * height:
-            bar, rest = (left, bottom + height / 2, 3.0, 0.2), (left + 3.5, bottom, width - 3.5, height)
-        else:
-            tall = min(height, 3.0)
-            bar, rest = (left, bottom + (height - tall) / 2, 0.2, tall), (left + 1.1, bottom, width - 1.1, height)
-        axes = figure.add_axes((bar[0] / w, bar[1] / h, bar[2] / w, bar[3] / h))
-        way = "horizontal" if wide else "vertical"
-        drawn = figure.colorbar(ScalarMappable(norm, scheme), cax=axes, orientation=way, ticks=ticks, format=form)
+    axes.set_axis_off()
+    room = MOST if bar is None else MOST // 2
+    shown = list(legend) if len(legend) <= room else [*legend[: room - 1], (f"… {len(legend)} in all", NO_COLOR)]
+    patches = [Patch(facecolor=tuple(c), edgecolor="0.3" if c[3] else "none", label=name) for name, c in shown]
+    if patches:
+        axes.legend(
+            handles=patches, loc="upper left", fontsize=8, frameon=False, borderaxespad=0, handlelength=1,
+            handletextpad=0.5,
+        )  # fmt: skip
+    if bar is not None:
+        place = axes.inset_axes((0.0, 0.0, 0.1, 0.45))
+        drawn = axes.figure.colorbar(bar.scheme, cax=place, ticks=bar.ticks, format=bar.form)
         drawn.minorticks_off()
-        drawn.set_label(label, size=9)
+        drawn.set_label(bar.label, size=9)
         drawn.ax.tick_params(labelsize=8)
-        draw_legend(figure, rest, legend)
-
-    return draw
-
-
-def name_list(legend: Legend) -> Key:
-    """Return a key that only names colours."""
-
-    def draw(figure: Figure, place: Place) -> None:
-        draw_legend(figure, place, legend)
-
-    return draw
-
-
-def draw_legend(figure: Figure, place: Place, legend: Legend) -> None:
-    """Draw names and their colours, as many as the place has room for."""
-    from matplotlib.colors import to_hex
-    from matplotlib.lines import Line2D
-
-    if not legend:
-        return
-    left, bottom, width, height = place
-    w, h = figure.get_size_inches()
-    rows = max(1, int(height / ROW))
-    column = 0.45 + LETTER * max(len(name) for name, _ in legend)
-    columns = max(1, min(int(width / column), -(-len(legend) // rows)))
-    shown = list(legend)
-    if len(shown) > rows * columns:
-        shown = [*shown[: rows * columns - 1], (f"… {len(legend)} in all", NO_COLOR)]
-    colors = [to_hex(tuple(color), keep_alpha=True) for _, color in shown]
-    edges = ["0.3" if color[3] else "none" for _, color in shown]
-    handles = [
-        Line2D([], [], linestyle="", marker="s", markersize=9, color=color, markeredgecolor=edge)
-        for color, edge in zip(colors, edges, strict=True)
-    ]
-    figure.legend(
-        handles,
-        [name for name, _ in shown],
-        loc="center left",
-        bbox_to_anchor=(left / w, (bottom + height / 2) / h),
-        ncols=columns,
-        fontsize=8.5,
-        frameon=False,
-        borderaxespad=0,
-        handletextpad=0.4,
-    )

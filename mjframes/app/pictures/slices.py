@@ -59,39 +59,22 @@ def draw_cut(
 
     lines: (n,) numbers, with dark lines where they change.  contours: a field (n,) and levels.
     """
-    voxel = np.take(_cropped(grid), number - grid.index[:, 3 - right - up].min(), axis=3 - right - up)
-    voxel = voxel.T if right < up else voxel
-    image = np.zeros((*voxel.shape, 4))
-    image[voxel >= 0] = colors[voxel[voxel >= 0]]
-    place = _extent(grid, right, up)
-    axes.imshow(image, origin="lower", extent=place, interpolation="nearest", aspect="auto")
-    if contours is not None:
-        field, levels = contours
-        draw_contours(axes, np.ma.masked_where(voxel < 0, field[voxel]), levels, place)
-    _draw_borders(axes, voxel >= 0, place, 0.8)
-    if lines is not None:
-        _draw_borders(axes, lines[voxel], place, 1.0, among=voxel >= 0)
-
-
-def draw_radiograph(
-    axes: Axes, grid: Grid, right: int, up: int, some: NDArray[np.bool_], color: tuple[float, float, float]
-) -> None:
-    """Draw how much of the voxels `some` (n,) lies behind each point, in the outline of all."""
-    voxel = _cropped(grid)
     across = 3 - right - up
-    thickness = ((voxel >= 0) & some[voxel]).sum(axis=across)
-    shadow = np.asarray((voxel >= 0).any(axis=across))
-    if right < up:
-        thickness, shadow = thickness.T, shadow.T
-    image = np.empty((*thickness.shape, 4))
-    image[..., :3] = color
-    image[..., 3] = 0.75 * np.sqrt(thickness / max(int(thickness.max()), 1))
-    place = _extent(grid, right, up)
-    axes.imshow(image, origin="lower", extent=place, interpolation="nearest", aspect="auto")
-    _draw_borders(axes, shadow, place, 0.8)
+    low, high = grid.index.min(axis=0), grid.index.max(axis=0) + 1
+    image = grid.lookup[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    voxel = np.take(image, number - low[across], axis=across)
+    voxel = voxel.T if right < up else voxel
+    inside = voxel >= 0
+    first, last = bounds(grid)
+    place = (first[right], last[right], first[up], last[up])
+    shown = np.where(inside[..., None], colors[voxel], 0.0)
+    axes.imshow(shown, origin="lower", extent=place, interpolation="nearest")
+    if contours is not None:
+        _draw_contours(axes, np.ma.masked_where(~inside, contours[0][voxel]), contours[1], place)
+    _draw_borders(axes, np.where(inside, 0 if lines is None else lines[voxel], -1), place)
 
 
-def draw_contours(axes: Axes, values: np.ma.MaskedArray, levels: NDArray[np.float64], place: Extent) -> None:
+def _draw_contours(axes: Axes, values: np.ma.MaskedArray, levels: NDArray[np.float64], place: Extent) -> None:
     """Draw thin lines where values (rows, columns), at the centres of pixels, have one of the levels."""
     if min(values.shape) < 2 or not np.any((levels > values.min()) & (levels < values.max())):
         return
@@ -103,30 +86,16 @@ def draw_contours(axes: Axes, values: np.ma.MaskedArray, levels: NDArray[np.floa
     axes.contour(x, y, values, levels, colors="k", linewidths=0.5, alpha=0.5)
 
 
-def _cropped(grid: Grid) -> NDArray[np.int32]:
-    """The image of voxel numbers without the empty space around."""
-    low, high = grid.index.min(axis=0), grid.index.max(axis=0) + 1
-    return grid.lookup[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-
-
-def _extent(grid: Grid, right: int, up: int) -> Extent:
-    first, last = bounds(grid)
-    return first[right], last[right], first[up], last[up]
-
-
-def _draw_borders(
-    axes: Axes, group: NDArray[np.generic], place: Extent, width: float, *, among: NDArray[np.bool_] | None = None
-) -> None:
-    """Lines along the edges between pixels (rows, columns) of different groups, all or those with both `among`."""
+def _draw_borders(axes: Axes, group: NDArray[np.integer], place: Extent) -> None:
+    """Draw lines along the edges between pixels (rows, columns) of different groups; −1 is the outside."""
     from matplotlib.collections import LineCollection
 
     left, right, bottom, top = place
     x, y = np.linspace(left, right, group.shape[1] + 1), np.linspace(bottom, top, group.shape[0] + 1)
-    group = np.pad(group, 1)
-    valid = np.ones(group.shape, bool) if among is None else np.pad(among, 1)
-    row, column = np.nonzero((group[1:-1, 1:] != group[1:-1, :-1]) & valid[1:-1, 1:] & valid[1:-1, :-1])
+    group = np.pad(group, 1, constant_values=-1)
+    row, column = np.nonzero(group[1:-1, 1:] != group[1:-1, :-1])
     upright = np.stack([x[column], y[row], x[column], y[row + 1]], axis=1)
-    row, column = np.nonzero((group[1:, 1:-1] != group[:-1, 1:-1]) & valid[1:, 1:-1] & valid[:-1, 1:-1])
+    row, column = np.nonzero(group[1:, 1:-1] != group[:-1, 1:-1])
     level = np.stack([x[column], y[row], x[column + 1], y[row]], axis=1)
     segments = np.concatenate([upright, level]).reshape(-1, 2, 2)
-    axes.add_collection(LineCollection(list(segments), colors="0.1", linewidths=width, capstyle="projecting"))
+    axes.add_collection(LineCollection(list(segments), colors="0.1", linewidths=0.8, capstyle="projecting"))

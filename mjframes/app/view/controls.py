@@ -8,10 +8,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import mujoco
 import numpy as np
 from viser import GuiSliderHandle, GuiUplotHandle, ViserServer
 
+from mjframes.app.control_table import control_names
 from mjframes.app.view.cameras import View, aim, views
 from mjframes.app.view.simulation import Simulation
 from mjframes.scene import scaling
@@ -165,11 +165,12 @@ class Controls:
         sliders: dict[int, GuiSliderHandle[float]] = {}
         if not ranged:
             return sliders
+        names = control_names(model)
         with self._server.gui.add_folder("Actuators"):
             for k in ranged:
                 low, high = model.actuator_ctrlrange[k].tolist()
                 value = float(np.clip(data.ctrl[k], low, high))
-                label = _control_name(model, k)
+                label = names[k] or f"control {k}"
                 sliders[k] = self._server.gui.add_slider(label, low, high, (high - low) / 200, value)
                 self._on(sliders[k], lambda value, k=k: data.ctrl.__setitem__(k, value))
         return sliders
@@ -184,14 +185,6 @@ class Controls:
             legend={"live": False},
             height=HEIGHT,
         )
-
-
-def _control_name(model: mujoco.MjModel, control: int) -> str:
-    """Return what moves by a control: its actuator, numbered where that has several."""
-    place = control - model.actuator_ctrladr  # of each actuator
-    actuator = int(np.flatnonzero((place >= 0) & (place < model.actuator_ctrlnum))[0])
-    name = model.actuator(actuator).name or f"actuator {actuator}"
-    return name if model.actuator_ctrlnum[actuator] == 1 else f"{name} {place[actuator]}"
 
 
 def _status(simulation: Simulation, factor: float) -> str:

@@ -21,6 +21,7 @@ from mjframes.app.view.grip import Grip, grip_body, grip_skin
 from mjframes.app.view.guard import guarded, keep_to_values, point_in
 from mjframes.app.view.simulation import Simulation
 from mjframes.base.errors import MjframesError
+from mjframes.base.packages import optional
 from mjframes.scene.load import mujoco_warnings
 
 if TYPE_CHECKING:
@@ -154,10 +155,7 @@ def page(scenes: Mapping[str, mujoco.MjModel], host: str = HOST, port: int = POR
     Raises MjframesError where viser is missing, for an address that is taken or cannot be, and for a scene that the
     plugin refuses.
     """
-    try:
-        from viser import ViserServer
-    except ImportError as error:
-        raise MjframesError('the page needs viser, which is not installed; pip install "mjframes[view]".') from error
+    viser = optional("viser", "the page", "view")
     try:
         socket.create_server((host, port)).close()
     except (OSError, OverflowError) as error:
@@ -170,7 +168,7 @@ def page(scenes: Mapping[str, mujoco.MjModel], host: str = HOST, port: int = POR
         simulations = {name: Simulation(model, warnings) for name, model in scenes.items()}
         # viser says where it is, and that it ends, whatever it is asked
         with redirect_stdout(io.StringIO()), guarded(host):
-            server = ViserServer(host, port, verbose=False)
+            server = viser.ViserServer(host, port, verbose=False)
         keep_to_values(server)
         try:
             yield Page(server, simulations)

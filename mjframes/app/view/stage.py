@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 from viser import BoxHandle, CylinderHandle, FrameHandle, IcosphereHandle, MeshHandle, ViserServer
 
-from mjframes.app.drawn import (
-    drawn_geoms,
-    geom_color,
-    plane_size,
-    skin_parts,
-    skin_vertices,
-    sky_color,
-    surface,
-)
+from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_parts, skin_vertices, sky_color
 
 Node = BoxHandle | CylinderHandle | IcosphereHandle | MeshHandle
-GEOM = mujoco.mjtGeom
 LINES = 20  # of a plane's grid, along its shorter side at least
 FAR = 2.0  # [-] of the scene's extent: distance of a lamp that stands for light of one direction
 LIT = (
@@ -87,18 +78,18 @@ class Stage:
         return pieces
 
     def _add_geom(self, geom: int) -> None:
-        model = self._model
-        add = SHAPES.get(int(model.geom_type[geom]))
-        if add is None:
-            return
+        model, server = self._model, self._server
         body = int(model.geom_bodyid[geom])
         if body not in self._frames:
-            self._frames[body] = self._server.scene.add_frame(f"/bodies/{body}", show_axes=False)
-        name = f"/bodies/{body}/{geom}"
-        self._server.scene.add_frame(name, show_axes=False, position=model.geom_pos[geom], wxyz=model.geom_quat[geom])
-        nodes = add(self._server, model, geom, name)
-        if model.body_weldid[body] > 0:
-            self.rigid += [(node, body) for node in nodes]
+            self._frames[body] = server.scene.add_frame(f"/bodies/{body}", show_axes=False)
+        is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        for k, shape in enumerate(shapes(model, geom)):
+            name = f"/bodies/{body}/{geom}/{k}"
+            node = _add_shape(server, shape, name, cast_shadow=not is_plane)
+            if is_plane:
+                _add_lines(server, shape, f"{name}/lines")
+            if model.body_weldid[body] > 0:
+                self.rigid.append((node, body))
 
 
 def _paint(rgba: np.ndarray) -> tuple[tuple[int, int, int], float | None]:
@@ -107,87 +98,36 @@ def _paint(rgba: np.ndarray) -> tuple[tuple[int, int, int], float | None]:
     return (red, green, blue), float(rgba[3]) if rgba[3] < 1 else None
 
 
-def _plane(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
-    """A slab, and lines on it that let one see how far things move."""
-    size = plane_size(model, geom)
-    color, opacity = _paint(geom_color(model, geom))
-    width, length, thickness = size.tolist()
-    server.scene.add_box(
-        f"{name}/slab", color, (width, length, thickness), opacity=opacity, position=(0, 0, -thickness / 2),
-        cast_shadow=False,
-    )  # fmt: skip
+def _add_shape(server: ViserServer, shape: Shape, name: str, cast_shadow: bool) -> Node:
+    color, opacity = _paint(shape.rgba)
+    x, y, z = shape.size.tolist()
+    looks: dict[str, Any] = {
+        "color": color, "opacity": opacity, "cast_shadow": cast_shadow, "position": shape.position, "wxyz": shape.quat,
+    }  # fmt: skip
+    if shape.mesh is not None:
+        return server.scene.add_mesh_simple(name, *shape.mesh, flat_shading=True, side="double", **looks)
+    if shape.kind == "box":
+        return server.scene.add_box(name, dimensions=(x, y, z), **looks)
+    if shape.kind == "ball":
+        return server.scene.add_icosphere(name, 1.0, scale=(x / 2, y / 2, z / 2), **looks)
+    return server.scene.add_cylinder(name, x / 2, z, **looks)
+
+
+def _add_lines(server: ViserServer, slab: Shape, name: str) -> None:
+    """Add lines to a plane, in the frame of its slab, that let one see how far things move."""
+    width, length, thickness = slab.size.tolist()
+    (red, green, blue), _ = _paint(0.85 * slab.rgba)
     cell = _round_length(min(width, length) / LINES)
-    red, green, blue = (round(0.85 * part) for part in color)
     server.scene.add_grid(
-        f"{name}/lines", width, length, cell_size=cell, section_size=5 * cell, cell_color=(red, green, blue),
-        section_color=(red, green, blue), section_thickness=1.5, shadow_opacity=0.0, position=(0, 0, 0.5 * thickness),
+        name, width, length, cell_size=cell, section_size=5 * cell, cell_color=(red, green, blue),
+        section_color=(red, green, blue), section_thickness=1.5, shadow_opacity=0.0, position=(0, 0, thickness),
     )  # fmt: skip
-    return []
 
 
 def _round_length(length: float) -> float:
     """Return the greatest of 1, 2, 5, 10, … times a power of ten that is not greater."""
     power = 10 ** np.floor(np.log10(length))
     return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)) * power)
-
-
-def _ball(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
-    sphere = model.geom_type[geom] == GEOM.mjGEOM_SPHERE
-    x, y, z = (np.repeat(model.geom_size[geom, 0], 3) if sphere else model.geom_size[geom]).tolist()
-    return [_icosphere(server, model, geom, f"{name}/ball", (x, y, z))]
-
-
-def _icosphere(
-    server: ViserServer,
-    model: mujoco.MjModel,
-    geom: int,
-    name: str,
-    size: tuple[float, float, float],
-    height: float = 0,
-) -> IcosphereHandle:
-    color, opacity = _paint(geom_color(model, geom))
-    return server.scene.add_icosphere(name, 1.0, color, scale=size, opacity=opacity, position=(0, 0, height))
-
-
-def _cylinder(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
-    radius, half, _ = model.geom_size[geom].tolist()
-    color, opacity = _paint(geom_color(model, geom))
-    return [server.scene.add_cylinder(f"{name}/side", radius, 2 * half, color, opacity=opacity)]
-
-
-def _capsule(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
-    radius, half, _ = model.geom_size[geom].tolist()
-    ends = [_icosphere(server, model, geom, f"{name}/{k}", (radius, radius, radius), k * half) for k in (-1, 1)]
-    return _cylinder(server, model, geom, name) + ends
-
-
-def _box(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
-    x, y, z = (2 * model.geom_size[geom]).tolist()
-    color, opacity = _paint(geom_color(model, geom))
-    return [server.scene.add_box(f"{name}/box", color, (x, y, z), opacity=opacity)]
-
-
-def _surface(server: ViserServer, model: mujoco.MjModel, geom: int, name: str) -> list[Node]:
-    vertices, faces = surface(model, geom)
-    color, opacity = _paint(geom_color(model, geom))
-    return [
-        server.scene.add_mesh_simple(
-            f"{name}/mesh", vertices, faces, color=color, opacity=opacity, flat_shading=True, side="double"
-        )
-    ]
-
-
-SHAPES: dict[int, Callable[[ViserServer, mujoco.MjModel, int, str], list[Node]]] = {
-    int(GEOM.mjGEOM_PLANE): _plane,
-    int(GEOM.mjGEOM_HFIELD): _surface,
-    int(GEOM.mjGEOM_SPHERE): _ball,
-    int(GEOM.mjGEOM_CAPSULE): _capsule,
-    int(GEOM.mjGEOM_ELLIPSOID): _ball,
-    int(GEOM.mjGEOM_CYLINDER): _cylinder,
-    int(GEOM.mjGEOM_BOX): _box,
-    int(GEOM.mjGEOM_MESH): _surface,
-    int(GEOM.mjGEOM_SDF): _surface,
-}
 
 
 def _add_lights(server: ViserServer, model: mujoco.MjModel, data: mujoco.MjData) -> None:
