@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.base.cache import cached
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import Notice, telling_memory
 from mjframes.base.options import taking
@@ -35,7 +34,7 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.contact_points import contact_points
 from mjframes.surface.dents import dents
 from mjframes.surface.distance_field import DistanceField, rest_distance_field
-from mjframes.surface.isosurface import Surface, extract_surface
+from mjframes.surface.isosurface import kept_surface
 from mjframes.surface.patches import group_patches
 from mjframes.volume.grid import Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
@@ -218,8 +217,7 @@ def _surfaces(
 ) -> tuple[Skin, ContactSpheres, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
-    shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
-    surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
+    surface = kept_surface(volume)
     spheres = contact_points(surface, volume, contact_radius)
     weights = shapes.at(grid, spheres.positions)
     patches = group_patches(spheres.positions, spheres.normals, weights, shapes.control)
