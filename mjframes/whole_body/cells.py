@@ -30,6 +30,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.linear import ZERO, scaled_eigenvectors
 from mjframes.base.rigid import motion_basis, rigid_motions, size_of
 from mjframes.elasticity.laws import LawParameters, hessian
 from mjframes.elasticity.regions import members_of
@@ -39,7 +40,7 @@ from mjframes.kinematics.control import ControlPoints
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.following import assembled
 from mjframes.whole_body.selection import split
-from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
+from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
 
 Array = NDArray[np.float64]
 
@@ -242,7 +243,7 @@ def _motions(stiffness: Array, basis: Array, rest: Array) -> tuple[Array, Array]
     """
     value, vector = scaled_eigenvectors(basis.T @ stiffness @ basis)
     vector = basis @ vector
-    kept = value > SEEN * value[-1]
+    kept = value > ZERO * value[-1]
     rigid = motion_basis(rest)
     free = np.linalg.qr(vector[:, ~kept])[0]
     idle, length, _ = np.linalg.svd(free - rigid @ (rigid.T @ free), full_matrices=False)
