@@ -84,7 +84,6 @@ def build(options: BuildOptions) -> SoftBody:
 
     progress("attaching the surfaces")
     skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options.contact_radius)
-    condensed = elastic.condensed
     return SoftBody(
         parent=chosen.tree.parent,
         types=chosen.types,
@@ -101,17 +100,8 @@ def build(options: BuildOptions) -> SoftBody:
         contact=contact,
         distance_field=field,
         damping=options.damping,
-        error=condensed.error if condensed else None,
-        fields=Fields(
-            volume=volume,
-            weights=elastic.shapes.weights,
-            correction=elastic.shapes.correction,
-            lifting=condensed.lifting if condensed else None,
-            error=condensed.where if condensed else None,
-            region=elastic.region,
-            seeds=tuple(some.astype(np.int64) for some in chosen.seeds),
-            metric=options.metric_of_frames,
-        ),
+        error=elastic.condensed.error if elastic.condensed else None,
+        fields=_fields(volume, chosen, elastic, options.metric_of_frames),
     )
 
 
@@ -210,6 +200,21 @@ def _is_consistent(mass: str | None, types: Sequence[str]) -> bool:
     Bodies that turn gain energy from mass that MuJoCo does not know of; that of several quadratic frames is singular.
     """
     return mass == "consistent" or (mass is None and all(name in ("affine", "point") for name in types))
+
+
+def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> Fields:
+    """The values at the voxels."""
+    condensed = elastic.condensed
+    return Fields(
+        volume=volume,
+        weights=elastic.shapes.weights,
+        correction=elastic.shapes.correction,
+        lifting=condensed.lifting if condensed else None,
+        error=condensed.where if condensed else None,
+        region=elastic.region,
+        seeds=tuple(some.astype(np.int64) for some in frames.seeds),
+        metric=metric,
+    )
 
 
 def _surfaces(
