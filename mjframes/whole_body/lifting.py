@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.base.linear import inverse_root
 from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.base.threads import in_parallel
 from mjframes.elasticity.regions import members_of
@@ -28,7 +27,7 @@ from mjframes.whole_body.superelement import Superelement, degrees
 Array = NDArray[np.float64]
 
 MODES = 12  # a region: half of what weights miss is in the first eight to sixteen
-STILL = 1e-10  # [-] variance, to the largest, of what stands still: differences of larger motions leave rounding
+SEEN = 1e-10  # [-] eigenvalue of a scaled covariance below which a combination of points never moves
 FLAT = 1e-9  # [-] singular value below which points cannot turn about an axis
 OTHER = 1e-6  # [-] what a neighbour of another material counts in a slope: nothing beside one of the same
 SLIGHT = 1e-3  # [-] rms of a mode, to that of the region's motion, below which it is left out
@@ -69,10 +68,10 @@ def lifting(
         dof = degrees(points)
         own = covariance[np.ix_(dof, dof)]
         relative = _relative(control.rest[points], np.flatnonzero(np.diagonal(own) <= 0))
-        inverse = inverse_root(relative @ own @ relative.T, nothing=STILL)
-        if not len(voxels[e]) or not inverse.size:
+        inverse = _inverse_root(relative @ own @ relative.T)
+        if not len(voxels[e]) or not len(inverse):
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
-        unit = relative.T @ inverse  # to unit, independent motions of the points, but for their common rigid one
+        unit = relative.T @ inverse.T  # to unit, independent motions of the points, but for their common rigid one
         wanted = (followed[:, dof] @ unit).astype(np.float32)
         field = np.tensordot(moved[voxels[e]], wanted, (2, 0))  # (v, 3, q) along the grid's axes
         field = np.einsum("ab,vbq->vaq", axes.astype(np.float32), field)
@@ -140,3 +139,19 @@ def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
     relative = np.eye(3 * len(rest))
     relative[:, some] -= turns @ np.linalg.pinv(turns[some], rcond=FLAT)
     return relative
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """A⁺ (q, 3m) of A (3m, q) with A Aᵀ the covariance, 0 for what stands still.
+
+    Not `base.linear.inverse_root`, which multiplies where this divides: in directions that hardly move, rounding alone
+    changes the modes by some per cent.
+    """
+    variance = np.diagonal(covariance)
+    moves = variance > SEEN * variance.max(initial=0)
+    scale = np.sqrt(variance[moves])
+    value, vector = np.linalg.eigh(covariance[np.ix_(moves, moves)] / scale / scale[:, None])
+    kept = value > SEEN * value[-1] if len(value) else value > 0
+    inverse = np.zeros((np.count_nonzero(kept), len(moves)))
+    inverse[:, moves] = (vector[:, kept] / np.sqrt(value[kept])).T / scale
+    return inverse
