@@ -26,17 +26,17 @@ def unit_diagonal(matrix: Array, nothing: float = NOTHING) -> Array:
     return np.where(some, 1 / np.sqrt(np.where(some, diagonal, 1)), 0)
 
 
-def scaled_eigenvectors(matrix: Array, nothing: float = NOTHING) -> tuple[Array, Array]:
+def scaled_eigenvectors(matrix: Array) -> tuple[Array, Array]:
     """Return λ (n,), ascending, and S V (n, n). What has no diagonal is scaled by the largest one."""
-    scale = unit_diagonal(matrix, nothing)
+    scale = unit_diagonal(matrix)
     value, vector = np.linalg.eigh(matrix * scale * scale[:, None])
     largest = np.diagonal(matrix).max(initial=np.finfo(float).tiny)
     return np.asarray(value, np.float64), np.where(scale > 0, scale, 1 / np.sqrt(largest))[:, None] * vector
 
 
-def nonzero_eigenvectors(matrix: Array, zero: float = ZERO, nothing: float = NOTHING) -> tuple[Array, Array]:
+def nonzero_eigenvectors(matrix: Array, zero: float = ZERO) -> tuple[Array, Array]:
     """Return those (q,) and (n, q) of which λ is more than `zero` times the largest."""
-    value, vector = scaled_eigenvectors(matrix, nothing)
+    value, vector = scaled_eigenvectors(matrix)
     kept = value > zero * value.max(initial=0)
     return value[kept], vector[:, kept]
 
@@ -47,7 +47,7 @@ def pseudo_inverse(matrix: Array, zero: float = ZERO) -> Array:
     return vector / value @ vector.T
 
 
-def inverse_root(matrix: Array, zero: float = ZERO, nothing: float = NOTHING) -> Array:
+def inverse_root(matrix: Array, zero: float = ZERO) -> Array:
     """Return R (n, q)."""
-    value, vector = nonzero_eigenvectors(matrix, zero, nothing)
+    value, vector = nonzero_eigenvectors(matrix, zero)
     return vector / np.sqrt(value)
