@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from mjframes.volume.meshes import MeshWarning
     from mjframes.volume.pieces import load_pieces
     from mjframes.volume.volume import Volume
-    from mjframes.weights.weights import Harmonic, Linear, Voronoi
+    from mjframes.weights.kernels import Harmonic, Linear, Voronoi
     from mjframes.whole_body.contrast import RigidWarning
 
 __all__ = [
@@ -123,7 +123,7 @@ _HOMES = {
     "volume.meshes": ("MeshWarning",),
     "volume.pieces": ("load_pieces",),
     "volume.volume": ("Volume",),
-    "weights.weights": ("Harmonic", "Linear", "Voronoi"),
+    "weights.kernels": ("Harmonic", "Linear", "Voronoi"),
     "whole_body.contrast": ("RigidWarning",),
 }
 

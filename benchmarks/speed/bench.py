@@ -46,10 +46,11 @@ from benchmarks.speed.steps import measure as measure_steps
 from benchmarks.tables import machine, screen, show, table_of, write_table
 from mjframes.base.cache import SWITCH
 from mjframes.base.errors import MjframesError
+from mjframes.base.texts import count
 from mjframes.body.build import build
 from mjframes.body.options import Paper
 from mjframes.body.soft_body import SoftBody
-from mjframes.cli.arguments import Parser, count
+from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
 from mjframes.volume.volume import Volume
 

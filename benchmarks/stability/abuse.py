@@ -23,9 +23,10 @@ from rich.progress import Progress
 from benchmarks.stability.apart import Report, reports, told
 from benchmarks.stability.edits import EDITS, World
 from mjframes.base.errors import MjframesError
+from mjframes.base.texts import count, seed
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
-from mjframes.cli.arguments import Parser, count, seed
+from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
 from mjframes.frames.supports import Attached, Fixed
 from mjframes.scene.attach import attach

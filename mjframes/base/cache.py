@@ -2,8 +2,10 @@
 
     surface = Surface(**cached("surface", (labels, spacing), lambda: vars(extract_surface(...))))
 
-An entry's name is the SHA-256 of the stage's inputs, of this package's sources and of the versions of the libraries
-that compute: an entry is right for ever, and none is ever updated. Entries live in $XDG_CACHE_HOME (or ~/.cache)
+An entry's name is the SHA-256 of the stage's inputs, of the sources that compute it and of the versions of the
+libraries that compute: an entry is right for ever, and none is ever updated. The sources are the module that asks, and
+what it imports of this package, at the top or anywhere else. So call `cached` in the module that computes, not in one
+that puts stages together. Entries live in $XDG_CACHE_HOME (or ~/.cache)
 /mjframes/stages; the least recently used go when they exceed LIMIT together. MJFRAMES_CACHE=0 switches the cache off.
 It never fails: what cannot be read is computed, what cannot be written is not kept.
 """
@@ -12,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import struct
 import tempfile
 import time
@@ -33,6 +36,11 @@ WORTHWHILE = 0.05  # [s] stages that take less are not kept: the file system cos
 ABANDONED = 3600.0  # [s] after which a file that is still being written belongs to a process that has died
 LIBRARIES = ("libigl", "numba", "numpy", "scikit-image", "scipy", "trimesh")
 SUFFIX, PARTIAL = ".npz", ".partial"
+PACKAGE = __name__.partition(".")[0]
+DOTTED = re.compile(rf"\b{PACKAGE}(?:\.\w+)+")
+FROM = re.compile(rf"\bfrom\s+({PACKAGE}(?:\.\w+)*)\s+import\s+(\([^)]*\)|[^\n]*)")
+WHOLE = re.compile(rf"^\s*(?:import\s+{PACKAGE}(?!\.)|from\s+\.)", re.MULTILINE)
+PARENT = re.compile(r"\.\w+$")
 
 
 def cached(
@@ -42,13 +50,14 @@ def cached(
 
     stage: names the computation.  inputs: all that the result depends on: None, bool, int, float, str, bytes, arrays,
     paths (the contents of the file count, not its name), dataclasses, and tuples, lists and dicts of these.
-    compute: a function of these inputs alone; its arrays hold numbers, no objects, and none is called "file".
+    compute: a function of these inputs alone, whose module imports all that it calls; its arrays hold numbers, no
+    objects, and none is called "file".
     Raise TypeError for inputs of other types, and what `compute` raises.
     """
     if os.environ.get(SWITCH) == "0":
         return dict(compute())
     try:
-        path = stage_directory() / f"{stage}-{digest((_program(), *inputs))}{SUFFIX}"
+        path = stage_directory() / f"{stage}-{digest((_program(compute.__module__), *inputs))}{SUFFIX}"
     except OSError:  # a file that cannot be read: the stage knows how to say that
         return dict(compute())
     if (known := _read(path)) is not None:
@@ -110,11 +119,47 @@ def _feed(state: Any, kind: str, content: bytes | memoryview) -> None:
 
 
 @cache
-def _program() -> str:
-    """Digest of what computes: libraries, and the sources of this package: no edit of them meets older entries."""
+def _program(module: str) -> str:
+    """Digest of what computes: libraries, and what a module imports of this package: no edit meets older entries."""
+    return digest((sources_of(module), {name: _version(name) for name in LIBRARIES}))
+
+
+def sources_of(module: str) -> dict[str, Path]:
+    """Return the sources of this package that a module imports, its own too, by the names of the modules.
+
+    Whatever its text names counts, so that none is missed. All of them where it imports the package as a whole, whose
+    names may be anything, or is of another package.
+    """
+    known = _modules()
+    found: dict[str, Path] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in known or name == PACKAGE:
+            return known
+        if name not in found:
+            found[name] = known[name]
+            waiting += _named(known[name].read_text(encoding="utf-8"), known)
+            waiting += [PARENT.sub("", name)] if name.count(".") > 1 else []
+    return found
+
+
+def _modules() -> dict[str, Path]:
+    """The sources of this package by the names of the modules."""
     root = Path(__file__).parents[1]
-    sources = {str(path.relative_to(root)): path for path in root.rglob("*.py")}
-    return digest((sources, {name: _version(name) for name in LIBRARIES}))
+    names = {path: ".".join(path.relative_to(root.parent).with_suffix("").parts) for path in root.rglob("*.py")}
+    return {name.removesuffix(".__init__"): path for path, name in names.items()}
+
+
+def _named(text: str, known: Mapping[str, Path]) -> set[str]:
+    """The modules that a text names: with dots, or in lists of what is imported from a folder."""
+    dotted = set(DOTTED.findall(text))
+    for folder, names in FROM.findall(text):
+        dotted |= {folder, *(f"{folder}.{name}" for name in re.findall(r"\w+", names))}
+    if WHOLE.search(text):
+        dotted.add(PACKAGE)
+    prefixes = {name.rsplit(".", cut)[0] for name in dotted for cut in range(3)} - {PACKAGE}
+    return (prefixes & known.keys()) | (dotted & {PACKAGE})
 
 
 def _version(library: str) -> str | None:

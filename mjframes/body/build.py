@@ -7,168 +7,113 @@ The stiffness is that of the whole body (`whole_body`), or the paper's: sums ove
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.base.cache import cached
-from mjframes.base.choices import COROTATIONAL, EVEN, WHOLE_BODY
-from mjframes.base.errors import MjframesError, Notice, telling_memory
+from mjframes.base.choices import EVEN
+from mjframes.base.errors import Notice, telling_memory
+from mjframes.base.options import taking
 from mjframes.body.cost import announce
 from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.fields import Fields
-from mjframes.body.frames import Frames, place
-from mjframes.body.options import Options, Paper, checked
+from mjframes.body.frames import Frames, most_frames, place
+from mjframes.body.options import BuildOptions, Progress
 from mjframes.body.soft_body import ContactVertices, Skin, SoftBody
 from mjframes.elasticity.laws import LawParameters
 from mjframes.elasticity.mass import mass_difference
 from mjframes.elasticity.null_modes import hold_null_modes
 from mjframes.elasticity.quadrature import Quadrature, parameters, quadrature
 from mjframes.elasticity.stiffness import Stiffness, region_stiffness
-from mjframes.frames.supports import Support, held_cores
+from mjframes.frames.supports import held_cores, supports_of
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.contact_points import contact_points
 from mjframes.surface.dents import dents
 from mjframes.surface.distance_field import DistanceField, rest_distance_field
-from mjframes.surface.isosurface import Surface, extract_surface
+from mjframes.surface.isosurface import kept_surface
 from mjframes.surface.patches import group_patches
 from mjframes.volume.grid import Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
-from mjframes.weights.weights import Weights
 from mjframes.whole_body.build import Condensed, finite_elements, whole_body
 from mjframes.whole_body.cells import Cells
 from mjframes.whole_body.contrast import firm_as_rigid
-
-Progress = Callable[[str], None]
-
-VOXELS = {"point": 2, "rigid": 3, "affine": 3, "quadratic": 5}  # a frame needs: fewer do not tell its motions apart
 
 
 class TurnWarning(UserWarning):
     """A body that is free to turn has frames that cannot."""
 
 
+@taking(BuildOptions)
 @telling_memory
-def build(
-    volume: Volume | str | os.PathLike[str],
-    frames: int | None = None,
-    *,
-    error: float | None = None,
-    at: ArrayLike | None = None,
-    supports: Support | Sequence[Support] = (),
-    frame_type: str | Sequence[str] = "affine",
-    method: str | Paper = WHOLE_BODY,
-    metric: str | None = None,
-    weights: str | Weights = "voronoi",
-    law: str = COROTATIONAL,
-    mass: str | None = None,
-    mode: str = "implicit",
-    damping: tuple[float, float] = (0.0, 0.0),
-    contact_reach: float | None = None,
-    seed: int = 0,
-    progress: Progress = lambda stage: None,
-) -> SoftBody:
-    """Build a soft body from a volume, or from the file of one that has materials.
+def build(options: BuildOptions) -> SoftBody:
+    """Build a soft body from a volume.
 
-    frames: how many; or error: as many as it takes for `BodyError.largest` to be that small [-]; or at: (f, 3) where,
-    in volume coordinates [m]. Without any of them, as many as `frame_type` has, or 3 by the paper's method, or the
-    fewest of up to 20 that keep an error of 15 %, or come nearest to it, which a Notice tells.
-    supports: pieces that stand still in the body that the soft body is attached to (`Fixed`), or move with a named one
-    (`Attached`); each is a frame of its own, beside those asked for.
-    frame_type: "affine" (12 degrees of freedom), "quadratic" (30), "rigid" (6) or "point" (3, translations only, for
-    small rotations), for all frames or a sequence with one for each.
-    method: "whole_body" gives the frames the stiffness that finite elements on all voxels show them, one region a
-    frame; "paper" or `Paper(samples)` sums it over regions, the paper's integration samples.
-    metric: frames are spread by distance inside the body, "even", or by the paper's "compliance" distance; that of the
-    method unless given.
-    weights: "voronoi", "harmonic" or "linear" ones, or `Voronoi(subdivisions)`, `Harmonic()`, `Linear(axis)`.
-    law: "corotational", or one for large strains: "green_lagrange", "neo_hookean", "mooney_rivlin" or "arruda_boyce";
-    its constants are those of `Material.law_constants`, the others follow from Young's modulus and Poisson's ratio.
-    mass: "consistent" or "lumped"; unless given, consistent where all frames are affine ones or points.
-    mode: "implicit", stable at any step, or "explicit", which does no stiffness work and needs steps shorter than the
-    stiffest vibration.
-    damping: Rayleigh's (α [1/s], β [s]).
-    contact_reach: what is higher than the deepest point of a contact by this or more has no share in it [m], half a
-    voxel unless given.
-    progress: called with the name of each stage, and as "stage: 25%" within long ones.
     Raise MjframesError for a volume in several pieces, for values out of range and where memory will not do. Warn
     (TurnWarning) of free bodies of point frames, and (Notice) of builds of more than a minute.
     """
-    if isinstance(volume, (str, os.PathLike)):
-        volume = Volume.load(volume)
-    options = checked(
-        volume, frames, error, at, method, frame_type, metric, weights, law, mass, mode, damping, contact_reach,
-        supports, seed,
-    )  # fmt: skip
-    require_connected(volume)
-
-    if options.paper is None:
-        count = (options.frames or MOST) + len(options.supports)
-        announce(int(np.count_nonzero(volume.labels)), count, volume.spacing)
+    progress = options.progress or (lambda stage: None)
+    volume = _announced(options)
     progress("listing the voxels")
     if options.paper is None:
         volume = firm_as_rigid(volume)
     grid = voxel_grid(volume)
-    metric_grid = evened(grid) if options.metric == EVEN else grid
-    cores, links = held_cores(grid, options.supports)
-    laws = parameters(law, grid)
+    metric_grid = evened(grid) if options.metric_of_frames == EVEN else grid
+    cores, links = held_cores(grid, supports_of(options.supports))
+    laws = parameters(options.law, grid)
 
     def placed(count: int | None) -> Frames:
         progress("placing the frames")
-        chosen = place(grid, metric_grid, cores, count, at, seed, frame_type, options.weights, options.paper)
-        _require_voxels(chosen.types, len(grid.index))
-        return chosen
+        return place(grid, metric_grid, cores, options, count)
 
     if options.paper is None:
-        most = _most_frames(frame_type, len(grid.index)) - len(cores)
-        chosen, elastic = _whole_body(grid, cores, links, laws, options, most, placed, progress)
+        chosen, elastic = _whole_body(grid, cores, links, laws, options, placed, progress)
     else:
-        chosen = placed(options.frames)
+        chosen = placed(options.number)
         elastic = _sums(grid, chosen, laws, progress)
     if not cores:
         elastic = _held(elastic, chosen.types)
         _warn_of_points(chosen.types)
 
     difference: tuple[NDArray[np.float64], ...] = ()
-    if _is_consistent(mass, chosen.types[len(links) :]):
+    if _is_consistent(options.mass, chosen.types[len(links) :]):
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), contact_reach)
-    condensed = elastic.condensed
+    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options.contact_reach)
     return SoftBody(
         parent=chosen.tree.parent,
         types=chosen.types,
         links=links,
         control=elastic.shapes.control,
         stiffness=elastic.stiffness,
-        law=law,
+        law=options.law,
         law_constants=np.array([some.constants for some in laws]).reshape(-1, 3),
         cells=elastic.cells,
         quadrature=elastic.quadrature,
         mass_difference=difference,
-        mode=mode,
+        mode=options.mode,
         skin=skin,
         contact=contact,
         distance_field=field,
         damping=options.damping,
-        error=condensed.error if condensed else None,
-        fields=Fields(
-            volume=volume,
-            weights=elastic.shapes.weights,
-            correction=elastic.shapes.correction,
-            lifting=condensed.lifting if condensed else None,
-            error=condensed.where if condensed else None,
-            region=elastic.region,
-            seeds=tuple(some.astype(np.int64) for some in chosen.seeds),
-            metric=options.metric,
-        ),
+        error=elastic.condensed.error if elastic.condensed else None,
+        fields=_fields(volume, chosen, elastic, options.metric_of_frames),
     )
+
+
+def _announced(options: BuildOptions) -> Volume:
+    """The volume, in one piece. Warn where it takes long, and raise MjframesError where it takes too much memory."""
+    volume = options.volume
+    assert isinstance(volume, Volume)
+    require_connected(volume)
+    if options.paper is None:
+        count = (options.number or MOST) + len(supports_of(options.supports))
+        announce(int(np.count_nonzero(volume.labels)), count, volume.spacing)
+    return volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +140,12 @@ def _whole_body(
     cores: Sequence[NDArray[np.integer]],
     links: Sequence[str],
     laws: Sequence[LawParameters],
-    options: Options,
-    most: int,
+    options: BuildOptions,
     placed: Callable[[int | None], Frames],
     progress: Progress,
 ) -> tuple[Frames, _Elastic]:
-    """The frames of a number, or the fewest of up to `most` that keep an error, and what finite elements show them."""
+    """The frames of a number, or the fewest that keep an error, and what finite elements show them."""
+    most = most_frames(options.frame_type, len(grid.index)) - len(cores)
     hookes = with_materials(grid, [some.hooke for some in laws]) if laws else grid
     finite = finite_elements(hookes, cores, progress)
 
@@ -212,9 +157,9 @@ def _whole_body(
     elif options.is_open:
         chosen, made = sufficient_frames(grid, finite, default_counts(most), placed, condense)
         notice = sufficiency(len(chosen.types) - len(links), made.error)
-        warnings.warn(notice, Notice, stacklevel=4)  # beyond telling_memory
+        warnings.warn(notice, Notice, stacklevel=5)  # beyond telling_memory and taking
     else:
-        chosen = placed(options.frames)
+        chosen = placed(options.number)
         made = condense(chosen)
     return chosen, _Elastic(made.shapes, made.stiffness, made.region, made.cells, None, made)
 
@@ -245,7 +190,7 @@ def _warn_of_points(types: Sequence[str]) -> None:
             "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
             "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
             TurnWarning,
-            stacklevel=4,  # beyond telling_memory
+            stacklevel=5,  # beyond telling_memory and taking
         )
 
 
@@ -257,13 +202,27 @@ def _is_consistent(mass: str | None, types: Sequence[str]) -> bool:
     return mass == "consistent" or (mass is None and all(name in ("affine", "point") for name in types))
 
 
+def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> Fields:
+    """The values at the voxels."""
+    condensed = elastic.condensed
+    return Fields(
+        volume=volume,
+        weights=elastic.shapes.weights,
+        correction=elastic.shapes.correction,
+        lifting=condensed.lifting if condensed else None,
+        error=condensed.where if condensed else None,
+        region=elastic.region,
+        seeds=tuple(some.astype(np.int64) for some in frames.seeds),
+        metric=metric,
+    )
+
+
 def _surfaces(
     volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_reach: float | None
 ) -> tuple[Skin, ContactVertices, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
-    shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
-    surface = Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
+    surface = kept_surface(volume)
     vertices = contact_points(surface)
     weights = shapes.at(grid, vertices.positions)
     patches = group_patches(vertices.positions, vertices.normals, weights, shapes.control)
@@ -275,18 +234,3 @@ def _surfaces(
     reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
     contact = ContactVertices(vertices.positions, reach, patches.patch, patches.cluster, weights, below)
     return skin, contact, field
-
-
-def _most_frames(frame_type: str | Sequence[str], voxels: int) -> int:
-    """As many as `_require_voxels` allows, if all are of the type that needs most."""
-    kinds = [frame_type] if isinstance(frame_type, str) else frame_type
-    return voxels // max((VOXELS.get(kind, 1) for kind in kinds), default=1)
-
-
-def _require_voxels(types: Sequence[str], voxels: int) -> None:
-    needed = sum(VOXELS[name] for name in types)
-    if len(types) > 1 and needed > voxels:
-        raise MjframesError(
-            f"frames is {len(types)}, held ones included, but the volume has {voxels} voxels: too few to tell them "
-            f"apart; use at most {max(1, voxels * len(types) // needed)}, or smaller voxels."
-        )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import sparse
 
-from mjframes.base.choices import COROTATIONAL, LAWS, METRICS, MODES
+from mjframes.base.choices import ALL_LAWS, COROTATIONAL, METRICS, MODES
 from mjframes.kinematics.control import POINTS
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def _check_shares(name: str, body: SoftBody, shares: Sequence[np.ndarray], sizes
 
 
 def _check_law(body: SoftBody, sizes: Sequence[int]) -> None:
-    _require("law", body.law in (COROTATIONAL, *LAWS))
+    _require("law", body.law in ALL_LAWS)
     materials = 0 if body.law == COROTATIONAL else len(body.factor_of)
     _numbers("law_constants", body.law_constants, (materials, 3))
     _require("law", body.law == COROTATIONAL or (body.cells is None) != (body.quadrature is None))

@@ -6,17 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from mjframes.base.choices import FRAME_TYPES
 from mjframes.base.errors import MjframesError
-from mjframes.body.options import Paper
+from mjframes.body.options import BuildOptions
 from mjframes.elasticity.regions import Regions, frame_sets, renumbered, split_regions
 from mjframes.frames.placement import place_frames
 from mjframes.kinematics.control import control_points, frame_types
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import Tree, depth_first, frame_tree
 from mjframes.volume.grid import Grid
-from mjframes.weights.weights import Weights, frame_weights
+from mjframes.weights.kernels import weights_of
+from mjframes.weights.weights import frame_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,24 +43,20 @@ def place(
     grid: Grid,
     metric: Grid,
     cores: Sequence[NDArray[np.integer]],
+    options: BuildOptions,
     frames: int | None,
-    at: ArrayLike | None,
-    seed: int,
-    frame_type: str | Sequence[str],
-    weights: Weights,
-    paper: Paper | None,
 ) -> Frames:
     """Return the frames on a grid, placed and weighted as if its materials were those of `metric`.
 
-    cores: voxels of the pieces that are held.  paper: its regions are made too, None for none.  The others are
-    arguments of `build`.
+    cores: voxels of the pieces that are held.  frames: how many besides those, None for those `at` places.
     """
-    placement = place_frames(metric, frames, at, seed, cores)
-    types = ("affine",) * len(cores) + frame_types(frame_type, len(placement.seeds) - len(cores))
+    placement = place_frames(metric, frames, options.at, options.seed, cores)
+    types = ("affine",) * len(cores) + frame_types(options.frame_type, len(placement.seeds) - len(cores))
     if len(types) == 1 and types[0] in ("point", "rigid"):
         raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
-    shares = frame_weights(metric, placement, weights)
-    regions = split_regions(grid, shares, paper.samples) if paper else None
+    _require_voxels(types, len(grid.index))
+    shares = frame_weights(metric, placement, weights_of(options.weights))
+    regions = split_regions(grid, shares, options.paper.samples) if options.paper else None
     sets = regions.frames if regions else [np.flatnonzero(row).tolist() for row in frame_sets(shares)[1]]
     tree = frame_tree(sets, len(types), len(cores))
     types = tuple(types[i] for i in tree.order)
@@ -66,3 +64,18 @@ def place(
     regions = renumbered(regions, tree.order) if regions else None
     shares, tree = depth_first(shares, tree)
     return Frames(types, seeds, tree, ShapeFunctions(shares, control_points(grid, shares, types)), regions)
+
+
+def most_frames(frame_type: str | Sequence[str], voxels: int) -> int:
+    """Return as many as so many voxels tell apart, if all are of the type that needs most."""
+    kinds = [frame_type] if isinstance(frame_type, str) else frame_type
+    return voxels // max((FRAME_TYPES[kind].voxels for kind in kinds if kind in FRAME_TYPES), default=1)
+
+
+def _require_voxels(types: Sequence[str], voxels: int) -> None:
+    needed = sum(FRAME_TYPES[name].voxels for name in types)
+    if len(types) > 1 and needed > voxels:
+        raise MjframesError(
+            f"frames is {len(types)}, held ones included, but the volume has {voxels} voxels: too few to tell them "
+            f"apart; use at most {max(1, voxels * len(types) // needed)}, or smaller voxels."
+        )

@@ -1,139 +1,248 @@
-"""What may be asked of `build`, and whether it is possible: the arguments, checked once, before any stage runs."""
+"""What may be asked of `build`: its arguments, each declared once and checked before any stage runs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjframes.base.choices import COMPLIANCE, COROTATIONAL, EVEN, LAWS, MASSES, METRICS, MODES, PAPER, WHOLE_BODY
+from mjframes.base import texts
+from mjframes.base.choices import (
+    ALL_LAWS,
+    COMPLIANCE,
+    COROTATIONAL,
+    EVEN,
+    FRAME_TYPES,
+    IMPLICIT,
+    LAWS,
+    MASSES,
+    METHODS,
+    METRICS,
+    MODES,
+    PAPER,
+    VORONOI,
+    WHOLE_BODY,
+)
 from mjframes.base.errors import MjframesError
+from mjframes.base.options import option, require_choices
 from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
-from mjframes.weights.weights import Weights, weights_of
+from mjframes.weights.kernels import KERNELS, Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
 REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
+FREEDOM = ", ".join(f"{name} {kind.freedom}" for name, kind in FRAME_TYPES.items())
+
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Paper:
     """The paper's stiffness: a sum over at most `samples` regions, its integration samples."""
 
-    samples: int = 10
+    samples: int = field(
+        default=10,
+        metadata=option("at most how many integration samples the paper's method has", reads=texts.count, metavar="N"),
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
-    """The arguments of `build`, as the stages take them.
+class BuildOptions:
+    """The arguments of `build`; a field is also an option of `mjframes build`, if a text can say it.
 
-    frames: how many, None where it is `at` or an error that says so.
-    error: that the fewest frames are to keep [-].
-    is_open: whether nothing says how many frames.
-    paper: None for the whole body's stiffness.
-    metric: in which frames are spread.
+    Raise MjframesError for the first one that is wrong.
     """
 
-    frames: int | None
-    error: float | None
-    is_open: bool
-    paper: Paper | None
-    metric: str
-    weights: Weights
-    supports: tuple[Support, ...]
-    damping: tuple[float, float]
+    volume: Volume | str | os.PathLike[str] = field(
+        metadata=option("what to build from: a `Volume`, or the file of one that has materials")
+    )
+    frames: int | None = field(
+        default=None,
+        metadata=option(
+            "how many frames; unless given, as many as frame_type has, or 3 by the paper's method, or the fewest of up "
+            "to 20 that keep an error of 15 % or come nearest to it",
+            reads=texts.count,
+            metavar="N",
+        ),
+    )
+    _: KW_ONLY
+    error: float | None = field(
+        default=None,
+        metadata=option(
+            "as many frames as it takes for this error, the larger of `BodyError` [-]: 0.05 for 5 %",
+            reads=texts.share,
+            metavar="E",
+            instead_of="frames",
+        ),
+    )
+    at: ArrayLike | None = field(
+        default=None, metadata=option("places of the frames (f, 3), in volume coordinates [m]")
+    )
+    supports: Support | Sequence[Support] = field(
+        default=(),
+        metadata=option(
+            "pieces that stand still in the body that the soft body is attached to, `Fixed`, or move with a named one, "
+            "`Attached`; each is a frame of its own, beside those asked for"
+        ),
+    )
+    frame_type: str | Sequence[str] = field(
+        default="affine",
+        metadata=option(
+            f"of all frames, in Python also a sequence with one for each; degrees of freedom: {FREEDOM} (translations "
+            "only, for small rotations)",
+            choices=tuple(FRAME_TYPES),
+            many=True,
+        ),
+    )
+    method: str | Paper = field(
+        default=WHOLE_BODY,
+        metadata=option(
+            "how the frames get their stiffness: from finite elements on all voxels, one region a frame, or summed "
+            "over the paper's integration samples",
+            choices=METHODS,
+            kinds={PAPER: Paper},
+        ),
+    )
+    metric: str | None = field(
+        default=None,
+        metadata=option(
+            "distance by which frames are spread: inside the body, or the paper's; that of the method unless given",
+            choices=METRICS,
+        ),
+    )
+    weights: str | Weights = field(
+        default=VORONOI, metadata=option("of the frames at the voxels", choices=tuple(KERNELS), kinds=KERNELS)
+    )
+    law: str = field(
+        default=COROTATIONAL,
+        metadata=option(
+            f"of elasticity, all but {COROTATIONAL} for large strains; its constants are those of "
+            "`Material.law_constants`, the others follow from Young's modulus and Poisson's ratio",
+            choices=ALL_LAWS,
+        ),
+    )
+    mass: str | None = field(
+        default=None,
+        metadata=option(
+            "the mass matrix; unless given, consistent where all frames are affine or points", choices=MASSES
+        ),
+    )
+    mode: str = field(
+        default=IMPLICIT,
+        metadata=option(
+            "stable at any step, or without stiffness work for steps shorter than the stiffest vibration, and for RK4",
+            choices=MODES,
+        ),
+    )
+    damping: tuple[float, float] = field(
+        default=(0.0, 0.0), metadata=option("Rayleigh's α [1/s] and β [s]", reads=texts.rates, metavar="ALPHA,BETA")
+    )
+    contact_reach: float | None = field(
+        default=None,
+        metadata=option(
+            "what is higher than the deepest point of a contact by this or more has no share in it [m], half a voxel "
+            "unless given",
+            reads=texts.length,
+            metavar="LENGTH",
+        ),
+    )
+    seed: int = field(default=0, metadata=option("of the frame placement", reads=texts.seed, metavar="N"))
+    progress: Progress | None = field(
+        default=None,
+        metadata=option('called with the name of each stage, and as "stage: 25%" within long ones'),
+    )
 
-
-def checked(
-    volume: Volume,
-    frames: int | None,
-    error: float | None,
-    at: ArrayLike | None,
-    method: str | Paper,
-    frame_type: str | Sequence[str],
-    metric: str | None,
-    weights: str | Weights,
-    law: str,
-    mass: str | None,
-    mode: str,
-    damping: tuple[float, float],
-    contact_reach: float | None,
-    supports: Support | Sequence[Support],
-    seed: int,
-) -> Options:
-    """Return the options of a body. Raise MjframesError for the first argument that is wrong."""
-    if not isinstance(volume, Volume):
-        raise MjframesError(
-            f"volume is a {type(volume).__name__}; give a Volume, as Volume.from_labels(labels, spacing, materials)."
-        )
-    if not (isinstance(seed, (int, np.integer)) and seed >= 0):
-        raise MjframesError(f"seed is {seed!r}; it must be a whole number from 0 on.")
-    held = supports_of(supports)
-    for name, value, choices in (
-        ("metric", metric, (None, *METRICS)),
-        ("mass", mass, (None, *MASSES)),
-        ("law", law, (COROTATIONAL, *LAWS)),
-        ("mode", mode, MODES),
-    ):
-        if value not in choices:
-            raise MjframesError(f"{name} is {value!r}; it must be one of {', '.join(map(repr, choices))}.")
-    paper = _method(method)
-    _check_number_of_frames(frames, error, at, paper)
-    if contact_reach is not None and not 0 < contact_reach <= REACH_LIMIT * np.min(volume.spacing):
-        raise MjframesError(
-            f"contact_reach is {contact_reach!r}; it must be positive and at most {REACH_LIMIT:g} voxels, "
-            f"{REACH_LIMIT * np.min(volume.spacing):g} m."
-        )
-    if law == COROTATIONAL:
-        _refuse_constants(volume)
-    elif "point" in frame_type:
-        raise MjframesError(
-            f"frame_type has 'point' frames, which cannot turn: the law {law!r} would take a rotation for a "
-            "strain; use other frames, or the corotational law."
-        )
-    metric = metric or (COMPLIANCE if paper else EVEN)
-    if frames is None and at is None and error is None:
-        frames = len(frame_type) if not isinstance(frame_type, str) else PAPER_FRAMES if paper else None
-    is_open = frames is None and at is None and error is None
-    return Options(frames, error, is_open, paper, metric, weights_of(weights), held, _damping(damping))
-
-
-def _method(method: str | Paper) -> Paper | None:
-    if method == PAPER:
-        return Paper()
-    if method != WHOLE_BODY and not isinstance(method, Paper):
-        raise MjframesError(f"method is {method!r}; it must be {WHOLE_BODY!r}, {PAPER!r} or as mf.Paper(samples=20).")
-    return method if isinstance(method, Paper) else None
-
-
-def _damping(damping: tuple[float, float]) -> tuple[float, float]:
-    try:
-        alpha, beta = map(float, damping)
-    except (TypeError, ValueError):
-        alpha = beta = np.nan
-    if not (np.isfinite([alpha, beta]).all() and min(alpha, beta) >= 0):
-        raise MjframesError(f"damping is {damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
-    return alpha, beta
-
-
-def _check_number_of_frames(frames: int | None, error: float | None, at: ArrayLike | None, paper: Paper | None) -> None:
-    if error is not None and not (isinstance(error, (int, float)) and 0 < error < 1):
-        raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
-    if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
-        raise MjframesError("more than one of frames, at and error is given; give one of them.")
-    if frames == 0:
-        raise MjframesError("frames is 0; a body needs one or more besides what holds it.")
-    if error is not None and paper is not None:
-        raise MjframesError(f"error is {error!r}, but only the whole body knows its error; give frames.")
-
-
-def _refuse_constants(volume: Volume) -> None:
-    for label, material in volume.materials.items():
-        if material.law_constants:
+    def __post_init__(self) -> None:
+        if isinstance(self.volume, (str, os.PathLike)):
+            object.__setattr__(self, "volume", Volume.load(self.volume))
+        if not isinstance(self.volume, Volume):
             raise MjframesError(
-                f"material {material.name or label!r} has law_constants {dict(material.law_constants)!r}, but the "
-                f"corotational law has none but those of Young's modulus and Poisson's ratio; leave them out, or "
-                f"choose law={LAWS[1]!r} or another."
+                f"volume is a {type(self.volume).__name__}; give a Volume, as Volume.from_labels(labels, spacing, "
+                "materials)."
             )
+        if not (isinstance(self.seed, (int, np.integer)) and self.seed >= 0):
+            raise MjframesError(f"seed is {self.seed!r}; it must be a whole number from 0 on.")
+        require_choices(self)
+        supports_of(self.supports)
+        weights_of(self.weights)
+        self._check_method()
+        self._check_number_of_frames()
+        self._check_damping()
+        self._check_reach(float(REACH_LIMIT * np.min(self.volume.spacing)))
+        self._check_law(self.volume)
+
+    @property
+    def paper(self) -> Paper | None:
+        """Return the paper's method, None for the whole body's stiffness."""
+        return Paper() if self.method == PAPER else self.method if isinstance(self.method, Paper) else None
+
+    @property
+    def number(self) -> int | None:
+        """Return how many frames there are besides the held ones, None where it is `at` or an error that says so."""
+        if self.frames is not None or self.at is not None or self.error is not None:
+            return self.frames
+        if not isinstance(self.frame_type, str):
+            return len(self.frame_type)
+        return PAPER_FRAMES if self.paper else None
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether nothing says how many frames."""
+        return self.number is None and self.at is None and self.error is None
+
+    @property
+    def metric_of_frames(self) -> str:
+        """Return the distance by which frames are spread."""
+        return self.metric or (COMPLIANCE if self.paper else EVEN)
+
+    def _check_method(self) -> None:
+        if self.method not in METHODS and not isinstance(self.method, Paper):
+            raise MjframesError(
+                f"method is {self.method!r}; it must be {WHOLE_BODY!r}, {PAPER!r} or as mf.Paper(samples=20)."
+            )
+
+    def _check_number_of_frames(self) -> None:
+        error, frames, at = self.error, self.frames, self.at
+        if error is not None and not (isinstance(error, (int, float)) and 0 < error < 1):
+            raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
+        if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
+            raise MjframesError("more than one of frames, at and error is given; give one of them.")
+        if frames == 0:
+            raise MjframesError("frames is 0; a body needs one or more besides what holds it.")
+        if error is not None and self.paper is not None:
+            raise MjframesError(f"error is {error!r}, but only the whole body knows its error; give frames.")
+
+    def _check_damping(self) -> None:
+        try:
+            alpha, beta = map(float, self.damping)
+        except (TypeError, ValueError):
+            alpha = beta = np.nan
+        if not (np.isfinite([alpha, beta]).all() and min(alpha, beta) >= 0):
+            raise MjframesError(f"damping is {self.damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
+        object.__setattr__(self, "damping", (alpha, beta))
+
+    def _check_reach(self, most: float) -> None:
+        if self.contact_reach is not None and not 0 < self.contact_reach <= most:
+            raise MjframesError(
+                f"contact_reach is {self.contact_reach!r}; it must be positive and at most {REACH_LIMIT:g} voxels, "
+                f"{most:g} m."
+            )
+
+    def _check_law(self, volume: Volume) -> None:
+        if self.law != COROTATIONAL:
+            if "point" in self.frame_type:
+                raise MjframesError(
+                    f"frame_type has 'point' frames, which cannot turn: the law {self.law!r} would take a rotation for "
+                    "a strain; use other frames, or the corotational law."
+                )
+            return
+        for label, material in volume.materials.items():
+            if material.law_constants:
+                raise MjframesError(
+                    f"material {material.name or label!r} has law_constants {dict(material.law_constants)!r}, but the "
+                    f"corotational law has none but those of Young's modulus and Poisson's ratio; leave them out, or "
+                    f"choose law={LAWS[1]!r} or another."
+                )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
-from mjframes.cli.lengths import length
+from mjframes.base.texts import length
 
 if TYPE_CHECKING:
     from mjframes.volume.volume import Volume

@@ -1,26 +1,13 @@
-"""Lengths, directions and indenters on the command line: 2mm, 0.5cm or metres without a unit; -z; ball:10mm."""
+"""Directions and indenters on the command line: -z; ball:10mm."""
 
 from __future__ import annotations
 
 import argparse
-import math
-import re
 
-from mjframes.base.constants import METRES, UP
+from mjframes.base.constants import UP
+from mjframes.base.texts import length, numbers
 
 INDENTERS = ("ball", "cylinder", "punch")
-
-
-def length(text: str) -> float:
-    """Return a length ≥ 0 [m] from "2mm", "0.5cm" or "0.002". Raise ArgumentTypeError for anything else."""
-    parts = re.fullmatch(rf"(.*?) *({'|'.join(METRES)})?", text)
-    try:
-        found = float(parts[1]) * METRES[parts[2] or "m"] if parts else math.nan
-    except ValueError:
-        found = math.nan
-    if not (math.isfinite(found) and found >= 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length like 2mm or 0.002, which is in metres")
-    return found
 
 
 def indenter(text: str) -> tuple[str, float]:
@@ -40,10 +27,7 @@ def direction(text: str) -> tuple[float, float, float]:
     if text in UP:
         x, y, z = ((-1.0 if text[0] == "-" else 1.0) * (axis == text[-1]) for axis in "xyz")
         return x, y, z
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(map(math.isfinite, (x, y, z))) or not any((x, y, z)):
+    found = numbers(text)
+    if len(found) != 3 or not any(found):
         raise argparse.ArgumentTypeError(f"{text!r} is not an axis like -z or three numbers with commas between")
-    return x, y, z
+    return found[0], found[1], found[2]

@@ -21,6 +21,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.sampling import farthest_points
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
@@ -200,9 +201,5 @@ def _sensed(physics: mjcf.Physics) -> Array:
 
 def _spread(vertices: Array) -> Array:
     """(POINTS, 3) of the vertices, each as far as can be from those before it."""
-    chosen = [int(np.argmax(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)))]
-    away = np.full(len(vertices), np.inf)
-    while len(chosen) < min(POINTS, len(vertices)):
-        away = np.minimum(away, np.linalg.norm(vertices - vertices[chosen[-1]], axis=1))
-        chosen.append(int(np.argmax(away)))
-    return vertices[chosen].astype(np.float64)
+    first = int(np.argmax(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)))
+    return vertices[farthest_points(vertices, [first], POINTS)].astype(np.float64)

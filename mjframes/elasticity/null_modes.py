@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.linear import scaled_eigenvectors
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints
 
@@ -33,9 +34,8 @@ def null_modes(stiffness: Stiffness, control: ControlPoints, rigid: Sequence[int
     for points, matrix in zip(stiffness.points, stiffness.matrix, strict=True):
         total[np.ix_(points, points)] += sum(matrix[a::3, a::3] for a in range(3))
     total = merge.T @ total @ merge
-    scale = 1 / np.sqrt(np.diagonal(total))
-    value, vector = np.linalg.eigh(total * scale * scale[:, None])
-    found = merge @ (scale[:, None] * vector[:, value < NULL * value[-1]])
+    value, vector = scaled_eigenvectors(total)
+    found = merge @ vector[:, value < NULL * value[-1]]
     basis, size, _ = np.linalg.svd(found - found.mean(axis=0), full_matrices=False)  # one direction less
     # Without a null mode what remains of the constant is rounding alone: measured against what was found, not itself.
     return basis[:, size > NULL**0.5 * np.linalg.norm(found)].T

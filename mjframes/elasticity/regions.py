@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.rows import distinct_rows
 from mjframes.base.threads import in_parallel
-from mjframes.frames.distance import more
 from mjframes.volume.grid import Grid
 from mjframes.weights.weights import frame_count
 
@@ -103,9 +102,7 @@ def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np
 
     weights: (n, f).
     """
-    label = np.empty(len(weights.indptr) - 1, np.int32)
-    # SciPy chooses the integers by the size: of one type they are compiled for once
-    first = _number_sets(weights.indptr.astype(np.int64), weights.indices.astype(np.int32), label)
+    label, first = distinct_rows(weights.indptr, weights.indices)
     return label, weights[first].toarray() > 0
 
 
@@ -207,58 +204,6 @@ def _sort_by_label(label: NDArray[np.int32], begin: NDArray[np.integer], voxels:
     for v in range(len(label)):
         voxels[begin[label[v]]] = v
         begin[label[v]] += 1
-
-
-@njit(cache=True, nogil=True)
-def _number_sets(indptr: NDArray[np.int64], indices: NDArray[np.int32], label: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Number the rows' sets of columns; return the first row of each."""
-    slots = 1024
-    number = np.full(slots, -1, np.int64)
-    first, count = np.empty(512, np.int64), 0
-    for v in range(len(label)):
-        low, high = indptr[v], indptr[v + 1]
-        if v > 0 and _same(indices, indptr[first[label[v - 1]]], indptr[first[label[v - 1]] + 1], low, high):
-            label[v] = label[v - 1]
-            continue
-        at = _hash(indices, low, high) & (slots - 1)
-        while number[at] >= 0 and not _same(
-            indices, indptr[first[number[at]]], indptr[first[number[at]] + 1], low, high
-        ):
-            at = (at + 1) & (slots - 1)
-        if number[at] < 0:
-            number[at] = count
-            first[count] = v
-            count += 1
-        label[v] = number[at]
-        if count == len(first):  # half full
-            first = more(first)
-            slots *= 2
-            number = np.full(slots, -1, np.int64)
-            for e in range(count):
-                at = _hash(indices, indptr[first[e]], indptr[first[e] + 1]) & (slots - 1)
-                while number[at] >= 0:
-                    at = (at + 1) & (slots - 1)
-                number[at] = e
-    return first[:count].copy()
-
-
-@njit(cache=True, nogil=True)
-def _same(indices: NDArray[np.integer], low: Any, high: Any, other_low: int, other_high: int) -> bool:
-    if high - low != other_high - other_low:
-        return False
-    k = low
-    while k < high and indices[k] == indices[other_low + k - low]:
-        k += 1
-    return k == high
-
-
-@njit(cache=True, nogil=True)
-def _hash(indices: NDArray[np.integer], low: Any, high: Any) -> np.int64:
-    mixed = np.uint64(high - low)
-    for k in range(low, high):
-        mixed = (mixed ^ np.uint64(indices[k])) * np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
-    return np.int64(mixed >> np.uint64(8))
 
 
 @njit(cache=True, nogil=True)

@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.rows import distinct_rows
 from mjframes.volume.grid import root_of
 
 Ints = NDArray[np.int32]
@@ -147,12 +148,8 @@ def _distinct(parent: Rows, place: Ints) -> tuple[Rows, NDArray[np.float64], Int
     weight of those that go is added to the ones that stay.
     """
     child = transposed(parent, len(place))
-    key = np.random.default_rng(0).integers(0, 2**64, len(parent.start) - 1, np.uint64)
-    _, first, same = np.unique(
-        np.add.reduceat(key[child.item], child.start[:-1]), return_index=True, return_inverse=True
-    )
-    kept = np.sort(first)
-    pattern = _pattern(Rows(parent.start, np.searchsorted(kept, first)[same][parent.item].astype(np.int32)), len(kept))
+    same, kept = distinct_rows(child.start, child.item)
+    pattern = _pattern(Rows(parent.start, same[parent.item]), len(kept))
     share = 1 / np.maximum(np.diff(parent.start), 1)
     pattern.sum_duplicates()  # in place, `parent.start` too
     distinct = Rows(pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32))

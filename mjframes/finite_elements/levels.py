@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from mjframes.base.linear import unit_diagonal
 from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.finite_elements.coarsen import Cells, Coarsening, Rows, coarsened
 from mjframes.finite_elements.element import brick_stiffness, coefficients
@@ -167,8 +168,7 @@ def _inverse(matrix: Array, position: NDArray[np.int32] | None) -> tuple[Array, 
     Degrees of freedom that depend on others, as those of coarse nodes may, or are held, stay 0. position: (N', 3) of
     the nodes of a free body, whose rigid motions are given stiffness.
     """
-    diagonal = np.diag(matrix)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 0)
+    scale = unit_diagonal(matrix, nothing=0)  # a coarse node may have but a trace of the softest material
     scaled = matrix * scale * scale[:, None]
     if position is not None:
         motions = np.linalg.qr(rigid_motions(position, position.mean(axis=0), size_of(position)) / scale[:, None])[0]

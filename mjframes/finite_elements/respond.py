@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
+from mjframes.base.linear import pseudo_inverse, unit_diagonal
 from mjframes.base.threads import in_parallel
 from mjframes.finite_elements import conjugate
 from mjframes.finite_elements.batch import (
@@ -40,7 +41,7 @@ from mjframes.finite_elements.solver import BodySolver
 
 TOLERANCE = 0.07  # [-] of X in the energy norm: S is then right to about 1 % in its worst mode
 NOISE = 1e-7  # [-] to the largest eigenvalue of the scaled S₀: smaller ones are taken to be that large
-DEPENDENT = 1e-6  # [-] smaller eigenvalues of the scaled G belong to columns that depend on others
+DEPENDENT = 1e-6  # [-] as `base.linear.ZERO`, of G: X is in single precision
 CHUNK = 4096  # [rows] of large products worked on at a time
 
 
@@ -86,7 +87,7 @@ def respond(
         report = reporter(progress, _batches(len(basis), k) + _batches(basis.shape[1], k))
         combinations = _whitening(_cycles(solver, forces, len(basis), report), basis)
         x, energies, work = _solve(solver, forces, combinations, tolerance, report)
-        weights = _pseudo_inverse(energies) @ work.T
+        weights = pseudo_inverse(energies, DEPENDENT) @ work.T
         compliance = work @ weights / solver.levels.unit
         moved = _moved(centre, x, weights / solver.levels.unit, k)
         shares = _shares(solver, x, weights / solver.levels.unit, groups, others)
@@ -129,7 +130,7 @@ def _cycles(solver: BodySolver, forces: sparse.csr_array, count: int, report: Ca
 def _whitening(compliance: Array, basis: Array) -> Array:
     """Combinations W (3m, c) in the span of the basis with WᵀS₀W about one, the softest first."""
     within = basis.T @ (compliance + compliance.T) @ basis / 2
-    scale = _scale(within)
+    scale = unit_diagonal(within)
     values, vectors = np.linalg.eigh(within * scale * scale[:, None])
     least = NOISE * max(values[-1], NOISE) if len(values) else 1.0
     return (basis * scale @ vectors / np.sqrt(np.maximum(values, least)))[:, ::-1]
@@ -204,20 +205,6 @@ def _shares(
             pass
         found[m] = combine.T @ energies[np.ix_(used, used)] @ combine * levels.unit
     return (found + found.transpose(0, 2, 1)) / 2
-
-
-def _pseudo_inverse(matrix: Array) -> Array:
-    """The inverse of a positive semidefinite matrix, 0 for what depends on the rest."""
-    scale = _scale(matrix)
-    values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
-    vectors = scale[:, None] * vectors[:, values > DEPENDENT]
-    return vectors / values[values > DEPENDENT] @ vectors.T
-
-
-def _scale(matrix: Array) -> Array:
-    """What makes the diagonal one, 0 where it is not positive."""
-    diagonal = np.diag(matrix)
-    return np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 0)
 
 
 def _moved(centre: sparse.csr_array, x: list[Floats], weights: Array, k: int) -> NDArray[np.float32]:

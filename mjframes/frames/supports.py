@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
-from mjframes.volume.grid import Grid
+
+if TYPE_CHECKING:
+    from mjframes.volume.grid import Grid
 
 PARENT = ""  # as the name of a link: the body that the soft body is attached to
 

@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.choices import FRAME_TYPES
 from mjframes.base.errors import MjframesError
 from mjframes.kinematics.frame_moments import EXPONENTS, FrameMoments, frame_moments
 from mjframes.volume.grid import Grid
@@ -32,7 +33,7 @@ from mjframes.weights.weights import frame_count
 POWERS = np.array(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [0, 1, 1], [1, 0, 1]]
 )
-POINTS = {"point": 1, "rigid": 4, "affine": 4, "quadratic": 10}  # control points of a frame, monomials of its order
+POINTS = {name: kind.points for name, kind in FRAME_TYPES.items()}
 
 TETRAHEDRON = 0.5 * np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])  # Q for d = 4
 _AXIS = np.eye(10)[0] - np.sqrt(0.1)

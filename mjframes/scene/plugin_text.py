@@ -271,7 +271,9 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
         "set_size": encode([len(points) for points in sets]),
         "set_point": encode(np.concatenate(sets)),
         "lattice_weight": encode(weights[moved]),
-        "lattice_vertex": encode(np.concatenate([field.vertices[patch.vertices] for patch in patches], dtype=np.float32)),
+        "lattice_vertex": encode(
+            np.concatenate([field.vertices[patch.vertices] for patch in patches], dtype=np.float32)
+        ),
     }
 
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.sampling import farthest_points
 from mjframes.surface.isosurface import Surface
+
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
@@ -39,7 +41,7 @@ def contact_points(surface: Surface, count: int = 600) -> ContactPoints:
     normals = mesh.vertex_normals
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
     reach = np.sqrt(mesh.area / count)
-    chosen = _farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)
+    chosen = farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)
     return ContactPoints(surface.vertices[chosen], normals[chosen], np.arange(len(chosen)))
 
 
@@ -50,16 +52,3 @@ def _extremes(x: np.ndarray) -> np.ndarray:
     unit = (x - x.mean(axis=0)) / np.where(size > 0, size, 1)
     found = np.unique((unit @ directions.T).argmax(axis=0))
     return found[np.argsort(-np.linalg.norm(x[found] - x.mean(axis=0), axis=1), kind="stable")]
-
-
-def _farthest_points(x: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
-    """Indices of `count` points: `first`, then always the one farthest from those before it; (s, d) metric."""
-    count = min(count, len(x))
-    chosen = list(first[:count])
-    distance = np.full(len(x), np.inf)
-    for k in range(count):
-        if k >= len(chosen):
-            chosen.append(int(distance.argmax()))
-        step = x - x[chosen[k]]
-        np.minimum(distance, np.einsum("sd,sd->s", step, step), out=distance)
-    return np.array(chosen)

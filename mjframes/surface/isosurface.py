@@ -14,6 +14,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import KDTree
 
+from mjframes.base.cache import cached
 from mjframes.base.errors import MjframesError
 from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
@@ -65,6 +66,12 @@ def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
     corner = np.array([s.start for s in box]) - MARGIN + 0.5  # index 0 of the padded array is the centre of a voxel
     vertices = volume.origin + (vertices + corner * spacing) @ volume.axes.T
     return Surface(vertices, faces.astype(np.int32), materials[label])
+
+
+def kept_surface(volume: Volume) -> Surface:
+    """Return `extract_surface`, kept on disk (`base.cache`) until the volume changes."""
+    shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
+    return Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
 
 
 def _fixed(net: Net, vertices: np.ndarray) -> np.ndarray:

@@ -17,7 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from mjframes.surface.flat import exposed, flat_faces
 from mjframes.surface.smoothing import SMOOTHING, inside_field
 
-REACH = 0.75  # [voxels] along each axis that a corner moves at most: a voxel's corner is that near to any smooth surface
+REACH = (
+    0.75  # [voxels] along each axis that a corner moves at most: a voxel's corner is that near to any smooth surface
+)
 PROJECTIONS = 4  # Newton steps onto the isosurface
 RELAXATIONS = 3  # of corners along it: those of one step of a slope come to lie on each other otherwise
 LEVEL = 0.5  # [-] of the smoothed voxels on the surface

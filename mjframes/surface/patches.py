@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.cluster.vq import kmeans2
 
+from mjframes.base.sampling import farthest_points
 from mjframes.kinematics.control import ControlPoints
 
 CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
@@ -70,10 +71,6 @@ def _joined(kind: np.ndarray) -> np.ndarray:
 
 def _clusters(points: np.ndarray) -> np.ndarray:
     """(s,) cluster of each point: k-means from farthest points, numbered without gaps."""
-    seeds = [0]
-    distance = np.linalg.norm(points - points[0], axis=1)
-    while len(seeds) < CLUSTERS and distance.max() > 0:
-        seeds.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm(points - points[seeds[-1]], axis=1))
+    seeds = farthest_points(points, [0], CLUSTERS)
     label = kmeans2(points, points[seeds], minit="matrix", missing="warn", iter=20)[1]
     return np.unique(label, return_inverse=True)[1]

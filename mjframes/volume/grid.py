@@ -155,13 +155,16 @@ def with_materials(grid: Grid, elasticity: Sequence[tuple[float, float]]) -> Gri
     return replace(grid, table=tuple(replace(some, young=young, poisson=poisson) for some, (young, poisson) in pairs))
 
 
-def nearest_voxels(grid: Grid, points: ArrayLike, within: int) -> NDArray[np.int64]:
-    """Return the voxel (s,) whose centre is nearest to each point, counted in voxels along axes; −1 where none is near.
+def nearest_voxels(
+    grid: Grid, points: ArrayLike, within: float, edges: ArrayLike = (1.0, 1.0, 1.0)
+) -> NDArray[np.int64]:
+    """Return the voxel (s,) whose centre is nearest to each point; −1 where none is `within` reach.
 
-    points: (s, 3) volume coordinates [m].  within: [voxels].
+    points: (s, 3) volume coordinates [m].  edges: (3,) of a voxel, in the unit of `within`; so that distance counts
+    voxels along the axes unless they are given.
     """
     at = (np.asarray(points, np.float64) - grid.origin) @ grid.axes / grid.spacing - 0.5
-    return _nearest(np.clip(at, -1e6, 1e6), grid.lookup, within)
+    return _nearest(np.clip(at, -1e6, 1e6), grid.lookup, np.asarray(edges, np.float64), float(within))
 
 
 def _strain_moduli(table: list[Material]) -> list[Material]:
@@ -239,19 +242,23 @@ def _number_pieces(
 
 
 @njit(cache=True, nogil=True)
-def _nearest(at: NDArray[np.float64], lookup: NDArray[np.int32], within: int) -> NDArray[np.int64]:
+def _nearest(
+    at: NDArray[np.float64], lookup: NDArray[np.int32], edges: NDArray[np.float64], within: float
+) -> NDArray[np.int64]:
     """Return the voxel (s,) nearest to places in index coordinates (s, 3), −1 where none is `within` reach."""
     voxel = np.full(len(at), -1, np.int64)
     for s in range(len(at)):
         low, high = np.empty(3, np.int64), np.empty(3, np.int64)
         for axis in range(3):
-            low[axis] = max(0, int(np.ceil(at[s, axis] - within)))
-            high[axis] = min(lookup.shape[axis] - 1, int(np.floor(at[s, axis] + within)))
-        best = float(within * within)
+            reach = within / edges[axis]
+            low[axis] = max(0, int(np.ceil(at[s, axis] - reach)))
+            high[axis] = min(lookup.shape[axis] - 1, int(np.floor(at[s, axis] + reach)))
+        best = within * within
         for a in range(low[0], high[0] + 1):
             for b in range(low[1], high[1] + 1):
                 for c in range(low[2], high[2] + 1):
-                    square = (a - at[s, 0]) ** 2 + (b - at[s, 1]) ** 2 + (c - at[s, 2]) ** 2
+                    x, y, z = (a - at[s, 0]) * edges[0], (b - at[s, 1]) * edges[1], (c - at[s, 2]) * edges[2]
+                    square = x * x + y * y + z * z
                     if lookup[a, b, c] >= 0 and (square < best or (square == best and voxel[s] < 0)):
                         best = square
                         voxel[s] = lookup[a, b, c]

@@ -15,7 +15,7 @@ import math
 import re
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -68,17 +68,15 @@ class LabelImage:
 
 
 def read_image(path: Path) -> LabelImage:
-    """Return the label image in a .npz, .npy, .nrrd, .nii, .nii.gz, .mha, .mhd, .mgz or .mgh file.
+    """Return the label image in a file of one of IMAGE_TYPES.
 
     Raise MjframesError if the file is missing, of another type, unreadable or truncated, or if the package that reads
     it is not installed.
     """
-    readers = {".npz": _read_npz, ".npy": _read_npy, ".nrrd": _read_nrrd, ".nii": _read_nifti, ".nii.gz": _read_nifti}
-    readers |= {".mha": _read_metaimage, ".mhd": _read_metaimage, ".mgz": _read_mgz, ".mgh": _read_mgz}
-    reader = next((read for suffix, read in readers.items() if path.name.lower().endswith(suffix)), None)
+    reader = next((read for suffix, read in READERS.items() if path.name.lower().endswith(suffix)), None)
     if reader is None:
         raise MjframesError(
-            f"{path}: files of type {path.suffix or 'none'} cannot be read; label images are {', '.join(readers)}, "
+            f"{path}: files of type {path.suffix or 'none'} cannot be read; label images are {', '.join(IMAGE_TYPES)}, "
             f"meshes are {', '.join(MESH_TYPES)}."
         )
     if not path.is_file():
@@ -291,3 +289,17 @@ def _import(name: str, path: Path) -> Any:
     except ImportError as error:
         package = {"nrrd": "pynrrd"}.get(name, name)
         raise MjframesError(f'{path}: reading it needs {package}; run pip install "mjframes[images]".') from error
+
+
+READERS: dict[str, Callable[[Path], LabelImage]] = {
+    ".npz": _read_npz,
+    ".npy": _read_npy,
+    ".nrrd": _read_nrrd,
+    ".nii": _read_nifti,
+    ".nii.gz": _read_nifti,
+    ".mha": _read_metaimage,
+    ".mhd": _read_metaimage,
+    ".mgz": _read_mgz,
+    ".mgh": _read_mgz,
+}
+IMAGE_TYPES = tuple(READERS)

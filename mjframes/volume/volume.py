@@ -84,8 +84,7 @@ class Volume:
         crop: bool = False,
         up: str = "z",
     ) -> Volume:
-        """Return a volume from what `save` wrote, or a label image (.npz .npy .nrrd .nii .nii.gz .mha
-        .mhd .mgz).
+        """Return a volume from what `save` wrote, or a label image of one of `mjframes.volume.images.IMAGE_TYPES`.
 
         spacing, origin: the file's own are overridden by them.
         materials: a file saved with materials needs none, or has them replaced.

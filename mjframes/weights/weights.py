@@ -6,61 +6,17 @@ rigid piece. They come from Voronoi kernels (the paper's), from a potential, or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from mjframes.base.choices import HARMONIC, LINEAR, VORONOI
-from mjframes.base.errors import MjframesError
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
 from mjframes.weights.harmonic import harmonic_weights
+from mjframes.weights.kernels import Harmonic, Linear, Voronoi, Weights
 from mjframes.weights.linear import linear_weights
 from mjframes.weights.voronoi import voronoi_weights
-
-MOST_SUBDIVISIONS = 20  # surfaces every millionth: far beyond any voxel
-
-
-@dataclass(frozen=True)
-class Voronoi:
-    """The paper's kernels (§4.3).
-
-    subdivisions: of the intervals between the frames' cells, 1 to 20.
-    """
-
-    subdivisions: int = 1
-
-
-@dataclass(frozen=True)
-class Harmonic:
-    """Potentials: 1 at the frame's own seed, 0 at the others', conducted the better the stiffer the material."""
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Hats along an index axis, 0 to 2, that of the frames' largest extent unless given."""
-
-    axis: int | None = None
-
-
-Weights = Voronoi | Harmonic | Linear
-BY_NAME: dict[str, Weights] = {VORONOI: Voronoi(), HARMONIC: Harmonic(), LINEAR: Linear()}
-
-
-def weights_of(given: str | Weights) -> Weights:
-    """Return the weights of a name, or those that are given. Raise MjframesError for anything else."""
-    weights = BY_NAME.get(given) if isinstance(given, str) else given
-    if not isinstance(weights, Weights):
-        names = ", ".join(map(repr, BY_NAME))
-        raise MjframesError(f"weights is {given!r}; it must be one of {names}, or as mf.Voronoi(subdivisions=2).")
-    if isinstance(weights, Voronoi):
-        count = weights.subdivisions
-        if not isinstance(count, (int, np.integer)) or not 1 <= count <= MOST_SUBDIVISIONS:
-            raise MjframesError(f"subdivisions is {count!r}; it must be an integer from 1 to {MOST_SUBDIVISIONS}.")
-    return weights
 
 
 def frame_weights(grid: Grid, placement: Placement, weights: Weights) -> sparse.csr_array:

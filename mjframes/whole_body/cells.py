@@ -30,6 +30,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.linear import ZERO, scaled_eigenvectors
 from mjframes.base.rigid import motion_basis, rigid_motions, size_of
 from mjframes.elasticity.laws import LawParameters, hessian
 from mjframes.elasticity.regions import members_of
@@ -39,7 +40,7 @@ from mjframes.kinematics.control import ControlPoints
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.following import assembled
 from mjframes.whole_body.selection import split
-from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
+from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
 
 Array = NDArray[np.float64]
 
@@ -119,15 +120,7 @@ def cells(
     ends = np.cumsum([len(V) for V in volume])[:-1]
     volume = np.split(_affordable(np.concatenate(volume), np.array(strains)), ends)
     shared = len(stiffness.points) - bones
-    factor = factor_of(grid.table)
-    rest = np.zeros((factor.max() + 1, *total.shape))  # by material
-    for e, points in enumerate(stiffness.points):
-        every = np.ix_(degrees(points), degrees(points))
-        if e < shared:
-            for m, matrix in enumerate(by_material(stiffness.matrix[e], stiffness.shares[e])):
-                rest[m][every] += matrix
-        for V, number, E in zip(volume[e], material[e], slope[e], strict=True):
-            rest[factor[number]][every] -= V * E.T @ tangent[number] @ E
+    rest = _without_cells(stiffness, shared, factor_of(grid.table), tangent, volume, material, slope, total)
     parts = split(rest, np.diagonal(total), control, stiffness.points[:shared])
     remainder = [*(matrix for matrix, _ in parts), *stiffness.matrix[shared:]]
     return Cells(
@@ -137,6 +130,28 @@ def cells(
         remainder=tuple(map(blind_to_translations, remainder)),
         shares=(*(shares for _, shares in parts), *stiffness.shares[shared:]),
     )
+
+
+def _without_cells(
+    stiffness: Stiffness,
+    shared: int,
+    factor: NDArray[np.int64],
+    tangent: Sequence[Array],
+    volume: Sequence[Array],
+    material: Sequence[NDArray[np.int64]],
+    slope: Sequence[Array],
+    total: Array,
+) -> Array:
+    """(M, 3k, 3k) what each material has of the first `shared` regions' stiffness, less that of all cells at rest."""
+    rest = np.zeros((factor.max() + 1, *total.shape))
+    for e, points in enumerate(stiffness.points):
+        every = np.ix_(degrees(points), degrees(points))
+        if e < shared:
+            for m, matrix in enumerate(by_material(stiffness.matrix[e], stiffness.shares[e])):
+                rest[m][every] += matrix
+        for V, number, E in zip(volume[e], material[e], slope[e], strict=True):
+            rest[factor[number]][every] -= V * E.T @ tangent[number] @ E
+    return rest
 
 
 def _members(grid: Grid, voxels: NDArray[np.int32]) -> list[NDArray[np.int32]]:
@@ -242,7 +257,7 @@ def _motions(stiffness: Array, basis: Array, rest: Array) -> tuple[Array, Array]
     """
     value, vector = scaled_eigenvectors(basis.T @ stiffness @ basis)
     vector = basis @ vector
-    kept = value > SEEN * value[-1]
+    kept = value > ZERO * value[-1]
     rigid = motion_basis(rest)
     free = np.linalg.qr(vector[:, ~kept])[0]
     idle, length, _ = np.linalg.svd(free - rigid @ (rigid.T @ free), full_matrices=False)

@@ -18,16 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.linear import nonzero_eigenvectors
 from mjframes.base.threads import in_parallel
 from mjframes.elasticity.regions import frame_sets, members_of
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints, points_of
 from mjframes.weights.weights import weights_at
-from mjframes.whole_body.superelement import Superelement, degrees, frame_motions, scaled_eigenvectors
+from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
 
 Array = NDArray[np.float64]
 
-LOOSE = 1e-12  # [-] eigenvalue of scaled K that counts as zero: rigid motions and null modes
 TAPER = 1e-3  # [-] ε, to the mean variance: costs a tenth of a per cent, and halves the largest jumps
 PLANE = 1e-9  # [-] singular value below which points span no further direction
 CHUNK = 4096  # [voxels] at a time
@@ -44,10 +44,9 @@ def assembled(stiffness: Stiffness, k: int, regions: int | None = None) -> Array
 def compliance(stiffness: Array, control: ControlPoints, types: Sequence[str], held: int) -> Array:
     """Return K⁺ (3k, 3k) [m/N] of what the frames can do while the first `held` of them stand still."""
     basis = frame_motions(control, types, control.rest, held, held)
-    value, vector = scaled_eigenvectors(basis.T @ stiffness @ basis)
-    kept = value > LOOSE * value[-1]
-    vector = basis @ vector[:, kept]
-    return (vector / value[kept]) @ vector.T
+    value, vector = nonzero_eigenvectors(basis.T @ stiffness @ basis)  # not rigid motions and null modes
+    vector = basis @ vector
+    return (vector / value) @ vector.T
 
 
 def correction(

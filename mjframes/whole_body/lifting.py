@@ -142,7 +142,11 @@ def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
 
 
 def _inverse_root(covariance: Array) -> Array:
-    """A⁺ (q, 3m) of A (3m, q) with A Aᵀ the covariance, 0 for what stands still."""
+    """A⁺ (q, 3m) of A (3m, q) with A Aᵀ the covariance, 0 for what stands still.
+
+    Not `base.linear.inverse_root`, which multiplies where this divides: in directions that hardly move, rounding alone
+    changes the modes by some per cent.
+    """
     variance = np.diagonal(covariance)
     moves = variance > SEEN * variance.max(initial=0)
     scale = np.sqrt(variance[moves])

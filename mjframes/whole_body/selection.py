@@ -29,17 +29,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.base.linear import nonzero_eigenvectors
 from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.elasticity.shares import by_material
 from mjframes.kinematics.control import ControlPoints
-from mjframes.whole_body.superelement import degrees, scaled_eigenvectors
+from mjframes.whole_body.superelement import degrees
 
 Array = NDArray[np.float64]
 
 PAIRED = 0.5  # [-] of the energy; at ¼ some bodies stay crumpled, at 1 a strip bent by its weight is a fifth too stiff
 ROUNDING = 1e-10  # [-] eigenvalue of a part of K, to the diagonal of K, that counts as zero
 ON_A_LINE = 1e-9  # [-] singular value of rigid motions, to the largest, of those that points on a line do not show
-LOOSE = 1e-11  # [-] eigenvalue of a scaled stiffness that counts as zero; rounding leaves about 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +149,8 @@ def _schur(matrices: Array, kept: NDArray[np.int64]) -> Array:
 
 def _solve(matrix: Array, right: Array) -> Array:
     """K⁺ times `right`: what has no stiffness does not move."""
-    value, vector = scaled_eigenvectors(matrix)
-    kept = value > LOOSE * value[-1]
-    basis = vector[:, kept]
-    return basis @ ((basis.T @ right) / value[kept, None])
+    value, basis = nonzero_eigenvectors(matrix)
+    return basis @ ((basis.T @ right) / value[:, None])
 
 
 def _part(points: NDArray[np.int64], condensed: Array, rest: Array, own: int) -> Part:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.linear import inverse_root, scaled_eigenvectors
 from mjframes.base.rigid import motion_basis, rigid_motions
 from mjframes.finite_elements.batch import Progress
 from mjframes.finite_elements.element import CORNERS
@@ -40,9 +41,8 @@ from mjframes.volume.grid import Grid
 
 Array = NDArray[np.float64]
 
-DEPENDENT = 1e-9  # [-] eigenvalue of the functionals' scaled Gram matrix below which one follows from the others
+DEPENDENT = 1e-9  # [-] as `base.linear.ZERO`, of functionals, from weights that are dropped below a thousandth
 STIFFEST = 1e-12  # [-] least eigenvalue of scaled S: what moves less is rounding, and counts as that stiff
-NOTHING = 1e-14  # [-] to the largest: a diagonal that is rounding, as of one point beside the line of others
 STRAIN = 1.0  # [-] stiffness of straining a rigid frame's points, to the mean of moving them
 
 
@@ -115,19 +115,6 @@ def degrees(points: NDArray[np.integer]) -> NDArray[np.int64]:
     return (3 * np.asarray(points)[:, None] + np.arange(3)).ravel()
 
 
-def scaled_eigenvectors(matrix: Array) -> tuple[Array, Array]:
-    """Return λ (n,), ascending, and S V (n, n) with S A S = V λ Vᵀ, whose diagonal is ones; A⁻¹ = S V λ⁻¹ (S V)ᵀ.
-
-    So what is soft is told from what is nothing, however much stiffer the rest is. NOTHING on the diagonal is 0.
-    """
-    diagonal = np.diagonal(matrix)
-    largest = diagonal.max(initial=np.finfo(float).tiny)
-    some = diagonal > NOTHING * largest
-    scale = 1 / np.sqrt(np.where(some, diagonal, largest))
-    value, vector = np.linalg.eigh(matrix * (scale * some) * (scale * some)[:, None])
-    return np.asarray(value, np.float64), scale[:, None] * vector
-
-
 def moments(
     grid: Grid, weights: sparse.csr_array, control: ControlPoints, solver: BodySolver
 ) -> tuple[sparse.csr_array, Array]:
@@ -182,9 +169,7 @@ def frame_motions(control: ControlPoints, types: Sequence[str], rest: Array, hel
 def _independent(gram: Array, basis: Array) -> Array:
     """(3j, m) combinations of the functionals of j points, orthonormal in their Gram matrix, as far as they differ."""
     full = basis.T @ np.kron((gram + gram.T) / 2, np.eye(3)) @ basis
-    value, vector = scaled_eigenvectors(full)
-    kept = value > DEPENDENT * value[-1]
-    return basis @ (vector[:, kept] / np.sqrt(value[kept]))
+    return basis @ inverse_root(full, DEPENDENT)
 
 
 def _held_motions(control: ControlPoints, held: int, rest: Array, motion: Motions) -> Array:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -181,13 +183,57 @@ def test_many_at_once() -> None:
 def test_an_edit_of_the_package_meets_no_old_entries(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage()
     cached("stage", (), stage)
-    monkeypatch.setattr(cache, "_program", lambda: "another version")
+    monkeypatch.setattr(cache, "_program", lambda module: "another version")
     cached("stage", (), stage)
     assert stage.runs == 2
 
 
+STAGES = ("mjframes.surface.isosurface", "mjframes.volume.volume")
+LOADED = "import sys, {}; print(*[name for name in sys.modules if name.startswith('mjframes.')])"
+
+
+@pytest.mark.parametrize("module", STAGES)
+def test_a_stage_depends_on_what_it_imports(module: str) -> None:
+    def loaded(*names: str) -> set[str]:
+        command = [sys.executable, "-c", LOADED.format(", ".join(names))]
+        return set(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+
+    found = cache.sources_of(module).keys()
+    assert module in found
+    assert loaded("mjframes", module) - loaded("mjframes") <= found
+    assert not [name for name in found if name.startswith(("mjframes.body", "mjframes.weights", "mjframes.scene"))]
+
+
+def test_a_stage_depends_on_what_it_imports_late() -> None:
+    assert "mjframes.volume.voxelize" in cache.sources_of("mjframes.volume.volume")  # in a method
+
+
+def test_of_other_packages_every_source_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = cache.sources_of(__name__)
+    assert len(every) > 100
+    assert cache.sources_of("mjframes.app.doctor") == every  # imports mjframes as a whole
+
+
+def test_an_edit_of_what_a_stage_imports_changes_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.py").write_text("from mjframes.room import (\n    b,\n)\n")
+    (tmp_path / "b.py").write_text("ONE = 1\n")
+    (tmp_path / "c.py").write_text("TWO = 2\n")
+    modules = {f"mjframes.room.{name}": tmp_path / f"{name}.py" for name in "abc"}
+    (tmp_path / "room.py").write_text("")
+    monkeypatch.setattr(cache, "_modules", lambda: {**modules, "mjframes.room": tmp_path / "room.py"})
+
+    def key() -> str:
+        return digest(cache.sources_of("mjframes.room.a"))
+
+    first = key()
+    (tmp_path / "c.py").write_text("TWO = 3\n")
+    assert key() == first
+    (tmp_path / "b.py").write_text("ONE = 2\n")
+    assert key() != first
+
+
 def test_another_number_of_frames_takes_the_same_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mjframes.body import build as stages
+    from mjframes.surface import isosurface as stages
 
     extracted = []
     original = stages.extract_surface

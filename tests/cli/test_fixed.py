@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import mjframes as mf
+from mjframes.base.texts import length
 from mjframes.cli.arguments import joined
 from mjframes.cli.commands import main
 from mjframes.cli.fixed import Chosen, chosen
-from mjframes.cli.lengths import length
 
 ROBOT = """<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body name="pad" pos="0 0 .3">
 <joint name="up" type="slide" axis="0 0 1" damping="50" stiffness="3000"/><geom type="box" size=".06 .06 .01" mass="1"/>

@@ -11,7 +11,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
-from tests.builders.scenes import compiled
+from builders.scenes import compiled
 
 FLOOR = '<mujoco><option {option}/><worldbody><geom type="plane" size="2 2 .1" friction="1.5"/></worldbody></mujoco>'
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -45,9 +45,7 @@ def test_a_column_stands_and_rests() -> None:
 @pytest.mark.parametrize("young", [1e5, 1e7])
 def test_three_aligned_blocks_stand(young: float) -> None:
     body = block((8, 6, 4), 0.01, young, 3)
-    model, data = compiled(
-        FLOOR.format(option=""), *((body, (0, 0, 0.0402 * i + 2e-4), UPRIGHT) for i in range(3))
-    )
+    model, data = compiled(FLOOR.format(option=""), *((body, (0, 0, 0.0402 * i + 2e-4), UPRIGHT) for i in range(3)))
     mujoco.mj_forward(model, data)
     start = middles(model, data, 3)
     run(model, data, 5)

@@ -82,7 +82,9 @@ def test_a_short_neck_holds_and_a_single_step_is_smoothed() -> None:
     labels[:10], labels[12:], labels[10:12, 4, 4] = 1, 1, 1
     surface = extract_surface(make_volume(labels))
     size = len(surface.vertices)
-    links = csr_array((np.ones(surface.faces.size), (surface.faces.ravel(), np.roll(surface.faces, 1, 1).ravel())), (size, size))
+    links = csr_array(
+        (np.ones(surface.faces.size), (surface.faces.ravel(), np.roll(surface.faces, 1, 1).ravel())), (size, size)
+    )
     assert connected_components(links, directed=False)[0] == 1
 
     labels = np.ones((12, 12, 6), int)

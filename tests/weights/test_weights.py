@@ -8,7 +8,9 @@ from mjframes.base.constants import NEGLIGIBLE_WEIGHT
 from mjframes.base.errors import MjframesError
 from mjframes.frames.placement import Placement, place_frames
 from mjframes.volume.grid import Grid, voxel_grid
-from mjframes.weights.weights import Voronoi, frame_weights, voronoi_weights, weight_gradients, weights_at, weights_of
+from mjframes.weights.kernels import Voronoi, weights_of
+from mjframes.weights.voronoi import voronoi_weights
+from mjframes.weights.weights import frame_weights, weight_gradients, weights_at
 
 CASES = {
     "mixed": (voxel_grid(mixed()), 6),

@@ -15,6 +15,7 @@ from scipy import sparse
 
 import mjframes as mf
 from mjframes.body.frames import Frames, place
+from mjframes.body.options import BuildOptions
 from mjframes.elasticity.regions import frame_sets
 from mjframes.elasticity.shares import groups
 from mjframes.finite_elements.element import CORNERS
@@ -22,7 +23,6 @@ from mjframes.finite_elements.solver import body_solver
 from mjframes.kinematics.control import control_points, control_weights
 from mjframes.scene.view import soft
 from mjframes.volume.grid import evened, voxel_grid
-from mjframes.weights.weights import Voronoi
 from mjframes.whole_body.error import BodyError
 from mjframes.whole_body.following import assembled, compliance
 from mjframes.whole_body.regions import bone_frames
@@ -48,7 +48,7 @@ def small(held: int, frame_type: str = "affine") -> tuple[Solved, Frames, Supere
     grid = voxel_grid(volume)
     ends = [grid.index[:, 0] == 0, grid.index[:, 0] == 11][:held]
     cores = [np.flatnonzero(end) for end in ends]
-    frames = place(grid, evened(grid), cores, 3, None, 0, frame_type, Voronoi(), None)
+    frames = place(grid, evened(grid), cores, BuildOptions(volume, frame_type=frame_type), 3)
     some = solved(grid, *ends)
     blocks = np.arange(len(grid.index))
     shapes, kinds = frames.shapes, groups(grid.table)

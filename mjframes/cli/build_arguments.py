@@ -1,0 +1,158 @@
+"""What `mjframes build` takes: the options of `BuildOptions` as they are declared, and what the volume is made of."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+from mjframes.base import texts
+from mjframes.base.constants import UP
+from mjframes.base.errors import MjframesError
+from mjframes.base.options import Option, default_text, options_of
+from mjframes.body.options import BuildOptions
+from mjframes.cli.fixed import FORMS, chosen
+from mjframes.volume.images import IMAGE_TYPES
+from mjframes.volume.meshes import MESH_TYPES
+
+
+def add_build(command: argparse.ArgumentParser) -> None:
+    """Add the arguments; `building` gets the defaults of those that do nothing to a body that is built already."""
+    command.add_argument(
+        "volume",
+        nargs="+",
+        metavar="FILE",
+        help=f"a label image ({' '.join(IMAGE_TYPES)}; 0 is outside) "
+        f"or closed surfaces ({' '.join(MESH_TYPES)}; later ones win), labelled 1, 2, … in their order; "
+        "or a soft body (.npz) that is built already",
+    )
+    command.add_argument("-o", "--output", required=True, metavar="FILE", help="soft body (.npz) or scene (.xml)")
+    _add_scene(command.add_argument_group("the scene"))
+    _add_volume(command.add_argument_group("the volume"))
+    _add_body(command.add_argument_group("the body"))
+    building = argparse.ArgumentParser()
+    _add_volume(building)
+    _add_body(building)
+    command.set_defaults(piece=None, building=vars(building.parse_args([])))
+
+
+def given(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of `build` that the command line has. Raise MjframesError for those of another choice."""
+    found = {}
+    for name, said in _options():
+        found[name] = getattr(arguments, name)
+        for choice, kind in said.kinds.items():
+            own = {one.name: getattr(arguments, one.name) for one, of_kind in options_of(kind) if of_kind.reads}
+            own = {key: value for key, value in own.items() if value is not None}
+            if own and found[name] != choice:
+                raise MjframesError(
+                    f"--{next(iter(own))} is given, but only --{name} {choice} has any; leave it out, or choose that."
+                )
+            if own:
+                found[name] = kind(**own)
+    return found
+
+
+def _options() -> Iterator[tuple[str, Option]]:
+    """Those that a text can say, and their names."""
+    return ((some.name, said) for some, said in options_of(BuildOptions) if said.reads or said.choices)
+
+
+def _add_body(command: argparse._ActionsContainer) -> None:
+    """Add what is glued, an option a field, and one for each field of what a choice may be given as."""
+    command.add_argument(
+        "--fixed",
+        type=chosen,
+        action="append",
+        default=[],
+        metavar="WHERE",
+        help=f"what is glued to --parent: {FORMS}, within that distance of its geoms; repeatable",
+    )
+    instead = {said.instead_of for _, said in options_of(BuildOptions)}
+    exclusive = {name: command.add_mutually_exclusive_group() for name in instead if name}
+    for some, said in options_of(BuildOptions):
+        if said.reads or said.choices:
+            group = exclusive.get(said.instead_of or some.name, command)
+            _add_option(group, some.name, said, some.default, default_text(some))
+        for kind in said.kinds.values():
+            for own, of_kind in options_of(kind):
+                if of_kind.reads:
+                    _add_option(command, own.name, of_kind, None, default_text(own))
+
+
+def _add_option(command: argparse._ActionsContainer, name: str, said: Option, default: object, shown: str) -> None:
+    command.add_argument(
+        f"--{name.replace('_', '-')}",
+        type=said.reads or str,
+        choices=said.choices or None,
+        default=default,
+        metavar=said.metavar,
+        help=(said.help + (f" (default {shown})" if shown else "")).replace("%", "%%"),
+    )
+
+
+def _add_scene(command: argparse._ActionsContainer) -> None:
+    """Add where the body goes."""
+    places = command.add_mutually_exclusive_group()
+    places.add_argument(
+        "--into", metavar="SCENE", help="put it into a copy of this scene (.xml), or name that as output"
+    )
+    places.add_argument(
+        "--fragment", action="store_true", help="the body alone, for MJCF's <attach>: no floor, light or camera"
+    )
+    command.add_argument("--name", default="soft", help="of the body in the scene (default %(default)s)")
+    command.add_argument("--parent", default="world", metavar="BODY", help="of --into's scene (default %(default)s)")
+    command.add_argument(
+        "--pos",
+        type=texts.place,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="in that body [m] (default 0,0,0)",
+    )
+    command.add_argument(
+        "--quat",
+        type=texts.orientation,
+        default=(1.0, 0.0, 0.0, 0.0),
+        metavar="W,X,Y,Z",
+        help="in that body (default 1,0,0,0)",
+    )
+    touching = command.add_mutually_exclusive_group()
+    touching.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
+    touching.add_argument(
+        "--dents", action="store_true", help="let the flesh below a contact give way as finite elements say"
+    )
+    command.add_argument(
+        "--pieces",
+        action="store_true",
+        help="a body of each object or unconnected surface of a mesh: files parts-NAME.xml, or all --into a scene",
+    )
+
+
+def _add_volume(command: argparse._ActionsContainer) -> None:
+    """Add how files become voxels, and of which materials."""
+    command.add_argument(
+        "--material",
+        action="append",
+        default=[],
+        metavar="LABEL=NAME:KEY=VALUE,…",
+        help="one for each label, unless the image carries them: "
+        "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]; "
+        "1=silicone-00-30 of mjframes materials; default=… for all other labels; with --pieces LABEL is the name or "
+        "the number of a piece",
+    )
+    command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
+    command.add_argument(
+        "--fill", metavar="NAME:KEY=VALUE,…", help="material of the rest of the convex hull: flesh around bones"
+    )
+    command.add_argument(
+        "--spacing", type=texts.spacing, metavar="METRES", help="edge of a voxel, or three: 0.001,0.001,0.002"
+    )
+    command.add_argument(
+        "--voxels", type=texts.count, metavar="N", help="about how many voxels to have inside (meshes: 20000)"
+    )
+    units = command.add_mutually_exclusive_group()
+    units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
+    units.add_argument("--scale", type=texts.factor, metavar="FACTOR", help="metres in a unit of the meshes")
+    command.add_argument("--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s)")
+    command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")
+    command.add_argument("--largest", action="store_true", help="drop all pieces but the largest")
