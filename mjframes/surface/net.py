@@ -1,8 +1,8 @@
 """The surface net of a volume: the faces of its voxels, whose corners are moved onto the surface.
 
 A corner of a flat face (`flat.py`) stays in the face's plane, so that flat sides are flat and their edges sharp. All
-others move to {G ∗ 1_inside = ½}, the isosurface of the Gaussian-smoothed voxels; on the rim of a flat side, to the same
-line of its own layer of voxels. After S. Gibson, Constrained elastic surface nets, MICCAI 1998.
+others move to {G ∗ 1_inside = ½}, the isosurface of the Gaussian-smoothed voxels; on the rim of a flat side, to the
+same line of its own layer of voxels. After S. Gibson, Constrained elastic surface nets, MICCAI 1998.
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from mjframes.surface.flat import exposed, flat_faces
 from mjframes.surface.smoothing import SMOOTHING, inside_field
 
-REACH = (
-    0.75  # [voxels] along each axis that a corner moves at most: a voxel's corner is that near to any smooth surface
-)
+REACH = 0.75  # [voxels] along each axis that a corner moves at most: any smooth surface is that near
 PROJECTIONS = 4  # Newton steps onto the isosurface
 RELAXATIONS = 3  # of corners along it: those of one step of a slope come to lie on each other otherwise
 LEVEL = 0.5  # [-] of the smoothed voxels on the surface
@@ -87,7 +85,7 @@ def _quads(inside: np.ndarray) -> tuple[np.ndarray, _Quads, np.ndarray]:
 
 
 def _without_crossings(inside: np.ndarray) -> np.ndarray:
-    """The inside, and one of the two empty voxels wherever two others touch along an edge only: four faces meet there."""
+    """The inside, and one of the two empty voxels wherever two others touch along an edge only, as four faces meet."""
     inside = inside.copy()
     smooth = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHING, truncate=3.0, mode="constant")
     while True:

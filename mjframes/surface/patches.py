@@ -19,6 +19,7 @@ from mjframes.kinematics.control import ControlPoints
 
 CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
 FEW = 2 * CLUSTERS  # [vertices] fewer join another patch: a geom costs time whether it touches or not …
+EDGE = 0.7  # [-] of a normal's largest component: another one that large is that of the other side of an edge
 SMALL = 0.5  # [-] of the frame's largest patch: … but not where all are alike, and such a face is what a foot stands on
 
 
@@ -43,9 +44,7 @@ def group_patches(
     centers: (s, 3) [m].  normals: (s, 3), outward.  weights: (s, k) of the control points; frames numbered depth first.
     """
     deepest = np.maximum.reduceat(control.frame[weights.indices], weights.indptr[:-1])
-    axis = np.argmax(np.abs(normals), axis=1)
-    facing = 2 * axis + (normals[np.arange(len(normals)), axis] > 0)
-    kind = 6 * deepest + facing
+    kind = 6 * deepest + _facing(normals)
     for frame in np.unique(deepest):
         kind[deepest == frame] = _joined(kind[deepest == frame])
     patch = np.unique(kind, return_inverse=True)[1]
@@ -55,6 +54,16 @@ def group_patches(
         cluster[members] = _clusters(centers[members])
     order = np.lexsort((cluster, patch))
     return Patches(order, patch[order], cluster[order])
+
+
+def _facing(normals: np.ndarray) -> np.ndarray:
+    """(s,) which of the six ways each vertex faces; those of an edge, as the larger of its two sides: a body that lies
+    on that touches the floor with one patch.
+    """
+    ways = np.maximum(0, np.stack([-normals, normals], axis=2).reshape(-1, 6))
+    near = ways > EDGE * ways.max(axis=1, keepdims=True)
+    size = np.bincount(ways[near.sum(axis=1) == 1].argmax(axis=1), minlength=6)
+    return np.where(near, 1 + size, 0).argmax(axis=1)
 
 
 def _joined(kind: np.ndarray) -> np.ndarray:

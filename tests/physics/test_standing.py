@@ -5,13 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from builders.scenes import compiled
 
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
-from builders.scenes import compiled
 
 FLOOR = '<mujoco><option {option}/><worldbody><geom type="plane" size="2 2 .1" friction="1.5"/></worldbody></mujoco>'
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
