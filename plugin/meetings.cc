@@ -111,12 +111,6 @@ void Meetings::Search(int patch, Meetings* other, double height, Meeting* out) {
   out->count = sink.count;
 }
 
-Vec3 Meetings::NormalAt(int patch, int vertex) {
-  const DeformedPatch deformed = state_->Deformed(patch);
-  Vec3 surface, normal;
-  return deformed.Surface(deformed.VertexPoint(vertex), &surface, &normal) ? normal : Vec3{};
-}
-
 MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height) {
   if (features_version_ != state_->version()) features_.clear();
   features_version_ = state_->version();
@@ -186,7 +180,7 @@ void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int 
     *trail = {true, at, p, trail->start, there, trail->apart};
     MetPoint met = sought;
     met.xi = at;
-    const Vec3 facing = found == Result::kFound && owner ? owner->NormalAt(patch, sought.number) : Vec3{};
+    const Vec3 facing = found == Result::kFound && owner ? owner->state_->Deformed(patch).VertexNormal(sought.number) : Vec3{};
     const Vec3 inwards = owner ? -owner->contact_.reach * Mul(there, facing) : Vec3{};
     if (found == Result::kFound) Meet(met, facing, inwards, &cube, sink);
   }
@@ -220,8 +214,9 @@ Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
 
 // Adds a point for each patch under which its material point is, in that cube. facing: which way its own surface faces.
 // inwards: the way into its own body in this one's lattice. From there its way out is looked for: at its own place, where
-// two surfaces lie on each other up to an edge, the nearest one may be round the edge. A point that would leave the way
-// its own surface faces is beyond this body's middle, and would draw its body further in.
+// two surfaces lie on each other up to an edge, the nearest one may be round the edge. Where this body has an edge, the
+// normal is that of the point's own side. A point that would leave the way its own surface faces is beyond this body's
+// middle, and would draw its body further in.
 void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube,
                     Sink* sink) {
   const Vec3 fraction = found.xi - cube->base;
@@ -229,8 +224,14 @@ void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwar
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
   const DeformedPatch all = state_->Deformed(kAllPatches);
-  const bool there =
-      all.Surface(found.xi + inwards, cube, &surface, &normal) || all.Surface(found.xi, cube, &surface, &normal);
+  double doubt = 0;
+  const bool there = all.Surface(found.xi + inwards, cube, &surface, &normal, &doubt) ||
+                     all.Surface(found.xi, cube, &surface, &normal, &doubt);
+  if (there && Dot(facing, normal) < 0) {
+    const double trust = std::clamp((kNoTrust - doubt) / (kNoTrust - kTrust), 0.0, 1.0);
+    normal = trust * normal - (1 - trust) * facing;
+    normal = (1 / Norm(normal)) * normal;
+  }
   for (int corner = 0; corner < 8 && sink->count < sink->most; corner++) {
     const int patch = contact_.field.patch[nodes[corner]];
     const auto same = [&](int node) { return contact_.field.patch[node] == patch; };

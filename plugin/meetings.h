@@ -97,7 +97,6 @@ class Meetings {
 
   void Measure();  // where the vertices of all patches are
   void Search(int patch, Meetings* other, double height, Meeting* out);
-  Vec3 NormalAt(int patch, int vertex);  // out of the body; 0 where there is none
   void SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height, Sink* sink);
   void Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink);
   Vec3 Guess(const Vec3& p, Mat3* slope, double* far);

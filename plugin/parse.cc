@@ -297,6 +297,7 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   field.patch = reader->Array<int32_t>("lattice_patch");
   const auto weight = reader->Array<int32_t>("lattice_weight");
   field.vertex = reader->Array<double>("lattice_vertex");
+  field.normal = reader->Array<int32_t>("lattice_normal");
   const auto size = reader->Array<int32_t>("set_size");
   const auto point = reader->Array<int32_t>("set_point");
   const auto set = reader->Array<int32_t>("lattice_set");

@@ -65,6 +65,7 @@ inline constexpr const char* kSoftAttributes[] = {
     "set_point",
     "lattice_weight",
     "lattice_vertex",
+    "lattice_normal",
     "asset",
 };
 

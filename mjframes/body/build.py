@@ -225,12 +225,14 @@ def _surfaces(
     surface = kept_surface(volume)
     vertices = contact_points(surface)
     weights = shapes.at(grid, vertices.positions)
-    patches = group_patches(vertices.positions, vertices.normals, weights, shapes.control)
+    patches = group_patches(vertices.positions, vertices.normals @ volume.axes, weights, shapes.control)
     vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
     pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
-    below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
+    below = dents(grid, vertices.positions, patches.normals @ volume.axes.T, frames, pushed, missing)
     reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
-    contact = ContactVertices(vertices.positions, reach, patches.patch, patches.cluster, weights, below)
+    contact = ContactVertices(
+        vertices.positions, patches.normals, reach, patches.patch, patches.cluster, weights, below
+    )
     return skin, contact, field

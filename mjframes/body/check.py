@@ -103,6 +103,7 @@ def _check_surfaces(body: SoftBody, k: int) -> None:
     _control_weights("skin.weights", skin.weights, len(skin.vertices), k)
     vertices = len(contact.patch)
     _numbers("contact.positions", contact.positions, (vertices, 3))
+    _numbers("contact.normals", contact.normals, (vertices, 3))
     _require("contact.reach", np.isfinite(contact.reach) and contact.reach > 0)
     for name, number in (("patch", contact.patch), ("cluster", contact.cluster)):
         _indices(f"contact.{name}", number, (vertices,), vertices)

@@ -53,6 +53,7 @@ class ContactVertices:
     """Vertices of the surface that touch, moved by the control points, sorted by patch and cluster.
 
     positions: (s, 3) volume coordinates [m].
+    normals: (s, 3) of the surface there, outward, along the volume's axes.
     reach: what is higher than the deepest vertex of its cluster by this or more has no share in its contact [m].
     patch: (s,) and cluster: (s,) within it, see `patches`.
     weights: (s, k) control weights W_j(s).
@@ -60,6 +61,7 @@ class ContactVertices:
     """
 
     positions: np.ndarray
+    normals: np.ndarray
     reach: float
     patch: np.ndarray
     cluster: np.ndarray

@@ -71,11 +71,13 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "set_point",
     "lattice_weight",
     "lattice_vertex",
+    "lattice_normal",
     "asset",
 )
 TYPES = {"i8": "<i1", "i16": "<i2", "i32": "<i4", "f32": "<f4", "f64": "<f8"}  # of arrays
 SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
 LARGEST_WEIGHT = np.iinfo(np.int16).max - 1  # of a node of the lattice, in units, before it is rounded
+LARGEST_NORMAL = 127  # a normal's length as 8 bits say it
 ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact vertex that is no offset
 
 
@@ -273,6 +275,11 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
         "lattice_weight": encode(weights[moved]),
         "lattice_vertex": encode(
             np.concatenate([field.vertices[patch.vertices] for patch in patches], dtype=np.float32)
+        ),
+        "lattice_normal": encode(
+            np.concatenate([np.rint(LARGEST_NORMAL * body.contact.normals[some.vertices]) for some in patches]).astype(
+                int
+            )
         ),
     }
 

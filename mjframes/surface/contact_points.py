@@ -9,6 +9,7 @@ import numpy as np
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.sampling import farthest_points
+from mjframes.base.trimeshes import trimesh
 from mjframes.surface.isosurface import Surface
 
 
@@ -17,7 +18,7 @@ class ContactPoints:
     """Vertices of the surface.
 
     positions: (s, 3) volume coordinates [m].
-    normals: (s, 3) of the surface at each, outward.
+    normals: (s, 3) mean of those of the triangles around each, by area, outward: shorter than 1 at edges and tips.
     rank: (s,) int, 0 for the most important: for every n the points of rank below n cover the surface evenly.
     """
 
@@ -38,11 +39,21 @@ def contact_points(surface: Surface, count: int = 600) -> ContactPoints:
     if count < 1:
         raise MjframesError(f"count is {count!r}; contact needs one point or more.")
     mesh = surface.mesh
-    normals = mesh.vertex_normals
+    normals = _mean_normals(mesh)
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
     reach = np.sqrt(mesh.area / count)
-    chosen = farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)
+    unit = mesh.vertex_normals
+    chosen = farthest_points(np.hstack([surface.vertices, reach * unit]), _extremes(surface.vertices), count)
     return ContactPoints(surface.vertices[chosen], normals[chosen], np.arange(len(chosen)))
+
+
+def _mean_normals(mesh: trimesh.Trimesh) -> np.ndarray:
+    """(s, 3) of the triangles around each vertex, by area."""
+    area = np.repeat(mesh.area_faces, 3)
+    sums = np.zeros((len(mesh.vertices), 4))
+    values = np.column_stack([np.repeat(mesh.face_normals, 3, axis=0), np.ones(len(area))])
+    np.add.at(sums, mesh.faces.ravel(), area[:, None] * values)
+    return sums[:, :3] / np.maximum(sums[:, 3:], np.finfo(float).tiny)
 
 
 def _extremes(x: np.ndarray) -> np.ndarray:
