@@ -20,6 +20,27 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
   return most + most / kSharedVertices;
 }
 
+// Distance of a point from the surface, and the normal by which it leaves the body; false midway between two sides.
+// facing: which way its own surface faces; inwards: the way into its own body, in this one's lattice. From there its way
+// out is looked for: at its own place, where two surfaces lie on each other up to an edge, the nearest one may be round
+// the edge. Where this body has an edge, the normal is that of the point's own side.
+bool WayOut(const DeformedPatch& body, const MetPoint& point, const Vec3& facing, const Vec3& inwards,
+            DeformedPatch::Cube* cube, double* distance, Vec3* normal) {
+  Vec3 surface;
+  double doubt;
+  if (!body.Surface(point.xi + inwards, cube, &surface, normal, &doubt) &&
+      !body.Surface(point.xi, cube, &surface, normal, &doubt)) {
+    return false;
+  }
+  if (Dot(facing, *normal) < 0) {
+    const double trust = std::clamp((kNoTrust - doubt) / (kNoTrust - kTrust), 0.0, 1.0);
+    const Vec3 mean = trust * *normal - (1 - trust) * facing;
+    *normal = (1 / Norm(mean)) * mean;
+  }
+  *distance = Dot(*normal, point.place - surface);
+  return true;
+}
+
 }  // namespace
 
 Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, size_t rigid,
@@ -212,26 +233,15 @@ Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
   return state_->Deformed(patch).VertexPoint(vertex) + Mul(*slope, p - Vec3{at[0], at[n], at[2 * n]});
 }
 
-// Adds a point for each patch under which its material point is, in that cube. facing: which way its own surface faces.
-// inwards: the way into its own body in this one's lattice. From there its way out is looked for: at its own place, where
-// two surfaces lie on each other up to an edge, the nearest one may be round the edge. Where this body has an edge, the
-// normal is that of the point's own side. A point that would leave the way its own surface faces is beyond this body's
-// middle, and would draw its body further in.
+// Adds a point for each patch under which its material point is, in that cube. facing, inwards: see WayOut.
 void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube,
                     Sink* sink) {
   const Vec3 fraction = found.xi - cube->base;
-  Vec3 surface, normal{};
+  Vec3 normal{};
+  double distance = 0;
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
-  const DeformedPatch all = state_->Deformed(kAllPatches);
-  double doubt = 0;
-  const bool there = all.Surface(found.xi + inwards, cube, &surface, &normal, &doubt) ||
-                     all.Surface(found.xi, cube, &surface, &normal, &doubt);
-  if (there && Dot(facing, normal) < 0) {
-    const double trust = std::clamp((kNoTrust - doubt) / (kNoTrust - kTrust), 0.0, 1.0);
-    normal = trust * normal - (1 - trust) * facing;
-    normal = (1 / Norm(normal)) * normal;
-  }
+  const bool there = WayOut(state_->Deformed(kAllPatches), found, facing, inwards, cube, &distance, &normal);
   for (int corner = 0; corner < 8 && sink->count < sink->most; corner++) {
     const int patch = contact_.field.patch[nodes[corner]];
     const auto same = [&](int node) { return contact_.field.patch[node] == patch; };
@@ -240,14 +250,18 @@ void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwar
     met = found;
     met.patch = patch;
     const PatchVolume& volume = contact_.patches[patch].volume;
-    if (!volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes))) {  // its rows see it elsewhere
-      if (!state_->Deformed(patch).Distance(met.place, true, &met.xi, &met.distance, &met.normal)) continue;
-    } else if (there && contact_.field.IsNearest(nodes, fraction, patch)) {
-      met.distance = Dot(normal, met.place - surface);
-      met.normal = normal;
-    } else {
+    const bool elsewhere = !volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes));  // its rows see it
+    if (elsewhere ? !state_->Deformed(patch).Find(met.place, true, &met.xi)
+                  : !there || !contact_.field.IsNearest(nodes, fraction, patch)) {
       continue;
     }
+    met.distance = distance;
+    met.normal = normal;
+    if (!there) {
+      DeformedPatch::Cube around;
+      if (!WayOut(state_->Deformed(patch), met, facing, inwards, &around, &met.distance, &met.normal)) continue;
+    }
+    // one that would leave the way its own surface faces is beyond the middle, and would draw its body further in
     sink->count += met.distance > 0 || !(Dot(facing, met.normal) > kOutward);
   }
 }

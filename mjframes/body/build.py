@@ -223,16 +223,16 @@ def _surfaces(
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
     surface = kept_surface(volume)
-    vertices = contact_points(surface)
+    vertices = contact_points(surface, float(np.min(volume.spacing)), volume.axes)
     weights = shapes.at(grid, vertices.positions)
     patches = group_patches(vertices.positions, vertices.normals @ volume.axes, weights, shapes.control)
     vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
     pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
-    below = dents(grid, vertices.positions, patches.normals @ volume.axes.T, frames, pushed, missing)
+    below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
     reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
     contact = ContactVertices(
-        vertices.positions, patches.normals, reach, patches.patch, patches.cluster, weights, below
+        vertices.positions, vertices.normals @ volume.axes, reach, patches.patch, patches.cluster, weights, below
     )
     return skin, contact, field

@@ -1,4 +1,8 @@
-"""Vertices that cover a surface, by farthest-point sampling: what touches (the paper, §5.4)."""
+"""Points that cover a surface, by farthest-point sampling: what touches (the paper, §5.4).
+
+They are vertices of the surface. One at an edge or a corner of flat sides is a point of each side, a little beside the
+edge: it has that side's normal, and what lies on one side does not touch with the points of the next.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +13,18 @@ import numpy as np
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.sampling import farthest_points
-from mjframes.base.trimeshes import trimesh
 from mjframes.surface.isosurface import Surface
+
+BESIDE = 0.1  # [voxels] from an edge to the points of its sides: what lies edge on edge stays clear of both
+FLAT = 0.999  # [-] cosine of a triangle's normal to an axis: flat sides have it to rounding
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
-    """Vertices of the surface.
+    """Points of the surface.
 
     positions: (s, 3) volume coordinates [m].
-    normals: (s, 3) mean of those of the triangles around each, by area, outward: shorter than 1 at edges and tips.
+    normals: (s, 3) of the surface at each, outward.
     rank: (s,) int, 0 for the most important: for every n the points of rank below n cover the surface evenly.
     """
 
@@ -31,29 +37,49 @@ class ContactPoints:
         return ContactPoints(self.positions[order], self.normals[order], self.rank[order])
 
 
-def contact_points(surface: Surface, count: int = 600) -> ContactPoints:
-    """Return at most `count` vertices of the surface: extreme ones first, then farthest points.
+def contact_points(surface: Surface, spacing: float, axes: np.ndarray, count: int = 600) -> ContactPoints:
+    """Return points at `count` vertices of the surface at most: extreme ones first, then farthest points.
 
+    spacing: of the voxels, the smallest [m].  axes: (3, 3) of the volume, along which its flat sides are.
     Raise MjframesError if count < 1.
     """
     if count < 1:
         raise MjframesError(f"count is {count!r}; contact needs one point or more.")
     mesh = surface.mesh
-    normals = _mean_normals(mesh)
+    normals = mesh.vertex_normals
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
     reach = np.sqrt(mesh.area / count)
-    unit = mesh.vertex_normals
-    chosen = farthest_points(np.hstack([surface.vertices, reach * unit]), _extremes(surface.vertices), count)
-    return ContactPoints(surface.vertices[chosen], normals[chosen], np.arange(len(chosen)))
+    chosen = farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)
+    toward, meets = _sides(surface, axes)
+    positions, facing = [], []
+    for vertex in chosen:
+        sides = np.flatnonzero(meets[vertex])
+        if len(sides) < 2:
+            positions.append(surface.vertices[vertex])
+            facing.append(normals[vertex])
+        for side in sides if len(sides) > 1 else ():
+            others = np.unique(sides[sides % 3 != side % 3] % 3)
+            away = np.sign(toward[vertex, side] @ axes)[others]
+            positions.append(surface.vertices[vertex] + BESIDE * spacing * axes[:, others] @ away)
+            facing.append((1 if side < 3 else -1) * axes[:, side % 3])
+    return ContactPoints(np.array(positions), np.array(facing), np.arange(len(positions)))
 
 
-def _mean_normals(mesh: trimesh.Trimesh) -> np.ndarray:
-    """(s, 3) of the triangles around each vertex, by area."""
-    area = np.repeat(mesh.area_faces, 3)
-    sums = np.zeros((len(mesh.vertices), 4))
-    values = np.column_stack([np.repeat(mesh.face_normals, 3, axis=0), np.ones(len(area))])
-    np.add.at(sums, mesh.faces.ravel(), area[:, None] * values)
-    return sums[:, :3] / np.maximum(sums[:, 3:], np.finfo(float).tiny)
+def _sides(surface: Surface, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each vertex and each way that flat sides face, three axes and back: (s, 6, 3) where triangles that face it are
+    from there [m], and (s, 6) whether there are any.
+    """
+    mesh = surface.mesh
+    ways = np.hstack([axes, -axes])
+    faces = mesh.face_normals @ ways > FLAT
+    toward, meets = np.zeros((len(surface.vertices), 6, 3)), np.zeros((len(surface.vertices), 6), bool)
+    for way in range(6):
+        some = np.flatnonzero(faces[:, way])
+        vertex = surface.faces[some].ravel()
+        middle = np.repeat(mesh.triangles_center[some], 3, axis=0)
+        np.add.at(toward[:, way], vertex, middle - surface.vertices[vertex])
+        meets[vertex, way] = True
+    return toward, meets
 
 
 def _extremes(x: np.ndarray) -> np.ndarray:

@@ -19,8 +19,6 @@ from mjframes.kinematics.control import ControlPoints
 
 CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
 FEW = 2 * CLUSTERS  # [vertices] fewer join another patch: a geom costs time whether it touches or not …
-EDGE = 0.7  # [-] of a normal's largest component: another one that large is that of the other side of an edge
-SHARP = 0.85  # [-] length of the mean of the normals around a vertex: an edge of 90° has 0.71, 60° turned 0.87
 SMALL = 0.5  # [-] of the frame's largest patch: … but not where all are alike, and such a face is what a foot stands on
 
 
@@ -29,12 +27,10 @@ class Patches:
     """The patches of s vertices, sorted by patch and cluster.
 
     order: (s,) the vertices in this order.
-    normals: (s, 3) unit ones of the surface there, outward; of an edge, that of its side in the patch.
     patch, cluster: (s,) of each vertex in this order, from 0.
     """
 
     order: np.ndarray
-    normals: np.ndarray
     patch: np.ndarray
     cluster: np.ndarray
 
@@ -44,11 +40,11 @@ def group_patches(
 ) -> Patches:
     """Return the patches of vertices.
 
-    centers: (s, 3) [m].  normals: (s, 3) as those of `ContactPoints`.
-    weights: (s, k) of the control points; frames numbered depth first.
+    centers: (s, 3) [m].  normals: (s, 3), outward.  weights: (s, k) of the control points; frames numbered depth first.
     """
     deepest = np.maximum.reduceat(control.frame[weights.indices], weights.indptr[:-1])
-    facing = _facing(normals)
+    axis = np.argmax(np.abs(normals), axis=1)
+    facing = 2 * axis + (normals[np.arange(len(normals)), axis] > 0)
     kind = 6 * deepest + facing
     for frame in np.unique(deepest):
         kind[deepest == frame] = _joined(kind[deepest == frame])
@@ -58,24 +54,7 @@ def group_patches(
         members = np.flatnonzero(patch == number)
         cluster[members] = _clusters(centers[members])
     order = np.lexsort((cluster, patch))
-    return Patches(order, _side_normals(normals, facing)[order], patch[order], cluster[order])
-
-
-def _facing(normals: np.ndarray) -> np.ndarray:
-    """(s,) which of the six ways each vertex faces; those of an edge, as the larger of its two sides: a body that lies
-    on that touches the floor with one patch.
-    """
-    ways = np.maximum(0, np.stack([-normals, normals], axis=2).reshape(-1, 6))
-    near = ways > EDGE * ways.max(axis=1, keepdims=True)
-    size = np.bincount(ways[near.sum(axis=1) == 1].argmax(axis=1), minlength=6)
-    return np.where(near, 1 + size, 0).argmax(axis=1)
-
-
-def _side_normals(normals: np.ndarray, facing: np.ndarray) -> np.ndarray:
-    """(s, 3) unit normals; at an edge, which only the net's flat sides have, along the axis that its vertex faces."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    along = (2 * (facing % 2) - 1)[:, None] * np.eye(3)[facing // 2]
-    return np.where(length < SHARP, along, normals / np.maximum(length, SHARP))
+    return Patches(order, patch[order], cluster[order])
 
 
 def _joined(kind: np.ndarray) -> np.ndarray:
