@@ -22,19 +22,19 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
 
 // Distance of a point from the surface, and the normal by which it leaves the body; false midway between two sides.
 // facing: which way its own surface faces; inwards: the way into its own body, in this one's lattice. From there its way
-// out is looked for: at its own place, where two surfaces lie on each other up to an edge, the nearest one may be round
-// the edge. Where this body has an edge, the normal is that of the point's own side.
+// out is looked for, if that is where its own surface faces: at its own place, where two surfaces lie on each other up to
+// an edge, the nearest one may be round the edge. Where this body has an edge, the normal is that of the point's own side.
 bool WayOut(const DeformedPatch& body, const MetPoint& point, const Vec3& facing, const Vec3& inwards,
             DeformedPatch::Cube* cube, double* distance, Vec3* normal) {
   Vec3 surface;
   double doubt;
-  if (!body.Surface(point.xi + inwards, cube, &surface, normal, &doubt) &&
-      !body.Surface(point.xi, cube, &surface, normal, &doubt)) {
-    return false;
-  }
-  if (Dot(facing, *normal) < 0) {
-    const double trust = std::clamp((kNoTrust - doubt) / (kNoTrust - kTrust), 0.0, 1.0);
-    const Vec3 mean = trust * *normal - (1 - trust) * facing;
+  const bool found = body.Surface(point.xi + inwards, cube, &surface, normal, &doubt);
+  const double opposed = found ? -Dot(facing, *normal) : 0;
+  if (opposed < kOpposed) {
+    if (!body.Surface(point.xi, cube, &surface, normal, &doubt)) return false;
+  } else {
+    const double share = opposed * std::clamp((doubt - kTrust) / (kNoTrust - kTrust), 0.0, 1.0);
+    const Vec3 mean = (1 - share) * *normal - share * facing;
     *normal = (1 / Norm(mean)) * mean;
   }
   *distance = Dot(*normal, point.place - surface);
