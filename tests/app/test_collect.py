@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 import pytest
 from builders.lengthwise import block
+from builders.pictures import film, share_drawn
 from builders.scenes import lump
 
 from mjframes.app.collect.plan import Plan, engine
@@ -383,4 +384,6 @@ def test_held_bodies_are_not_moved(tmp_path: Path) -> None:
 def test_a_world_has_its_film(whole: Path, tmp_path: Path) -> None:
     pytest.importorskip("av")
     film_of(read_log(whole / "shard-00000.mcap", 1), tmp_path / "film.mp4", fps=10, size=(64, 48))
-    assert (tmp_path / "film.mp4").stat().st_size > 0
+    shown = film(tmp_path / "film.mp4")
+    assert [frame.shape for frame in shown] == [(48, 64, 3)] * 2
+    assert min(map(share_drawn, shown)) > 0.1

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.pictures import picture, share
 from builders.scenes import TILTED, compiled, in_space, move_points
 from scipy.spatial.transform import Rotation
 
@@ -124,4 +125,5 @@ def test_the_example_draws_all_of_them(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(flight, "fly", flown)
     flights = flight.run(tmp_path)
     assert len(flights) == len(flight.LAWS) * len(ORDERS)
-    assert (tmp_path / "flight.png").stat().st_size > 40_000
+    shown = picture(tmp_path / "flight.png")
+    assert min(share(shown, f"C{number}") for number in range(len(flight.LAWS))) > 3e-4
