@@ -219,6 +219,7 @@ def test_what_cannot_be_built_says_why(tmp_path: Path) -> None:
     assert "flat" in found.why
 
 
+@pytest.mark.slow
 def test_the_command_measures_a_few_bodies(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.stability.energy", "--quick", "--bodies", "1"]
     command += ["--laws", "corotational", "--out", str(tmp_path)]

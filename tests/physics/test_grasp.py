@@ -12,7 +12,7 @@ from builders.pictures import film, share
 from examples.grasp import BLOCK, FLESH, HEIGHT, PEDESTAL, Grasp, lift, run, soft_block, soft_pads
 
 
-@pytest.fixture(params=["fingers on slides", "Robotiq 2F-85"])
+@pytest.fixture(params=["fingers on slides", pytest.param("Robotiq 2F-85", marks=pytest.mark.slow)])
 def gripper(request: pytest.FixtureRequest) -> str | None:
     return None if request.param == "fingers on slides" else str(shared("scenes/robotiq_2f85/2f85.xml"))
 

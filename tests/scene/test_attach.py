@@ -364,7 +364,12 @@ def refusal(xml: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("law", "method"), [("corotational", "whole_body"), ("neo_hookean", "whole_body"), ("neo_hookean", "paper")]
+    ("law", "method"),
+    [
+        ("neo_hookean", "whole_body"),
+        pytest.param("corotational", "whole_body", marks=pytest.mark.slow),
+        pytest.param("neo_hookean", "paper", marks=pytest.mark.slow),
+    ],
 )
 def test_arrays_are_whole_and_finite(law: str, method: str, warnings: list[str]) -> None:
     labels = np.ones((16, 4, 4), int)
