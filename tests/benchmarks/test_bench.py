@@ -252,6 +252,7 @@ def test_costs_of_a_law_compare_the_same_contacts(slab: Volume) -> None:
     assert cost.over_bodies == pytest.approx(cost.step("contact") / cost.step("contact", BARE))
 
 
+@pytest.mark.slow
 def test_main_prints_tables_and_writes_every_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -90,10 +90,14 @@ def test_point_frames_on_a_line_return_from_any_shape(young: float) -> None:
         assert some.gain < 1.001, some
 
 
-def test_impacts_and_weights_give_no_motion() -> None:
-    for some in outcomes(["corotational", "neo-hookean"], [1e6, 1e12], [2e-3, 1 / 30], (IMPACT, HEAVY)):
+@pytest.mark.parametrize("kind", ["corotational", pytest.param("neo-hookean", marks=pytest.mark.slow)])
+def test_impacts_and_weights_give_no_motion(kind: str) -> None:
+    for some in outcomes([kind], [1e6, 1e12], [2e-3, 1 / 30], (IMPACT, HEAVY)):
         assert some.recovers, some
         assert some.motion < 1.02, some
+
+
+def test_an_impact_on_something_soft_gives_no_motion() -> None:
     soft = outcomes(["corotational"], [1e3], [1e-4], (IMPACT,))[0]
     assert soft.recovers
     assert soft.gain < 1.001

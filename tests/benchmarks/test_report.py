@@ -212,6 +212,7 @@ def test_slopes_are_those_of_power_laws_and_stalls_are_named():
     assert slopes("", good[:2]) == []
 
 
+@pytest.mark.slow
 def test_a_bar_let_go_swings_with_the_frequency_of_its_modes(cantilever, known):
     first, _, exact = exact_vibration(cantilever, known)
     timoshenko = 0.94 * 1.8751**2 / (2 * np.pi) * np.sqrt(1e6 * 0.1**4 / 12 / (1000 * 0.01 * 0.4**4))
@@ -222,6 +223,7 @@ def test_a_bar_let_go_swings_with_the_frequency_of_its_modes(cantilever, known):
     assert 0.5 < found["5 free frames"].left <= 1
 
 
+@pytest.mark.slow
 def test_references_of_several_processes_are_those_of_one():
     case = next(case for case in all_cases(quick=False) if case.name == "three")
     (found,) = references(["three"], lambda stage: None).values()
@@ -229,6 +231,7 @@ def test_references_of_several_processes_are_those_of_one():
     np.testing.assert_allclose(found.moved, exact, rtol=0, atol=1e-10 * np.abs(exact).max())  # multigrid is random
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_page_a_table_and_figures(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
     small = [bar("cantilever", "cantilever", "weight", across=4, frames=(1, 2, 4))]
@@ -259,6 +262,7 @@ def test_mistakes_are_one_sentence(capsys):
         table2.measure({"cat": "cat.ply"}, True, lambda stage: None)
 
 
+@pytest.mark.slow
 def test_the_table_of_the_paper_is_measured_on_the_steak(monkeypatch):
     if not cases.STEAK.is_file():
         pytest.skip("models/steak.npz is in a checkout only")

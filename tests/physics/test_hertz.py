@@ -9,9 +9,22 @@ from builders.pictures import picture, share
 
 from examples import hertz
 
+pytest.importorskip("matplotlib")
 
+
+def test_dents_bring_a_coarse_ball_nearer_to_hertz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hertz, "ACROSS", 12)
+    monkeypatch.setattr(hertz, "FRAMES", (2, 3, 5))
+    found = hertz.run(tmp_path)
+    shown = picture(tmp_path / "hertz.png")
+    assert min(share(shown, color) for color in hertz.COLORS) > 3e-4
+    without, with_dents = found.ratio
+    assert (without > 1.5).all()
+    assert (with_dents < 0.8 * without).all()
+
+
+@pytest.mark.slow
 def test_the_force_of_a_pressed_ball_comes_near_to_that_of_hertz(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     found = hertz.run(tmp_path)
     shown = picture(tmp_path / "hertz.png")
     assert min(share(shown, color) for color in hertz.COLORS) > 3e-4
