@@ -38,7 +38,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])  # [s] in `make test`, and of what is slow
     for report in (some for reports in terminalreporter.stats.values() for some in reports):
         if isinstance(report, pytest.TestReport) and report.when == "teardown":
-            spent[report.location[0]]["slow" in report.keywords] += dict(report.user_properties)[SPENT]
+            (seconds,) = (float(str(value)) for name, value in report.user_properties if name == SPENT)
+            spent[report.location[0]]["slow" in report.keywords] += seconds
     terminalreporter.section("processor time by file [s]")
     terminalreporter.write_line("| file | `make test` | and `make test-all` |\n|---|---:|---:|")
     total = [sum(column[tier] for column in spent.values()) for tier in (0, 1)]
