@@ -63,6 +63,7 @@ def test_some_scenes_have_flexes_of_each_kind() -> None:
     assert {tuple(model.flex_dim) for model in models} == {(), (1,), (2,), (3,)}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("heard")
 @pytest.mark.parametrize("edit", ["render", "cloth"])
 def test_pictures_and_flexes_are_among_the_edits(monkeypatch: pytest.MonkeyPatch, edit: str) -> None:

@@ -166,6 +166,7 @@ def test_failures_are_gathered_by_reason() -> None:
     assert heading(GREW, [LOST]) == "1 run: gained energy from step to step"
 
 
+@pytest.mark.slow
 def test_an_impact_of_many_lengths_a_step_passes_the_floor() -> None:
     deep = run(Case(BY_NAME["neo-hookean"], 1.0, 1 / 30, IMPACT))
     assert deep.evidence.depth > 50

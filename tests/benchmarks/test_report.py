@@ -51,6 +51,7 @@ def row(kind: str, error: float, step: float, **more) -> Row:
     return Row(kind=kind, error=error, step_seconds=step, **(rest | more))
 
 
+@pytest.mark.slow
 def test_the_reference_is_converged_and_has_the_wanted_size(cantilever, known):
     assert known.levels[0][:2] == (1, 1)
     assert len(known.levels) >= 3
@@ -62,6 +63,7 @@ def test_the_reference_is_converged_and_has_the_wanted_size(cantilever, known):
     assert 0.95 < known.quantity[-1] / (weight * 0.4**3 / (8 * 1e6 * inertia)) < 1.1
 
 
+@pytest.mark.slow
 def test_frames_come_to_rest_where_finite_elements_do(cantilever, known):
     placed, by_hand, papers = (
         distance(solved(cantilever, setting, known.load).moved, known.moved)
@@ -72,6 +74,7 @@ def test_frames_come_to_rest_where_finite_elements_do(cantilever, known):
     assert papers > 0.25
 
 
+@pytest.mark.slow
 def test_a_contender_is_measured_without_being_moved(cantilever, known):
     one = solved(cantilever, Setting(2), known.load)
     before = one.simulation.field()
@@ -83,6 +86,7 @@ def test_a_contender_is_measured_without_being_moved(cantilever, known):
     assert one.steps <= 2
 
 
+@pytest.mark.slow
 def test_forces_on_points_of_turning_frames_have_their_torque(known, cantilever):
     """Eight rigid frames bend; without the torques of their points they would not."""
     one = solved(cantilever, Setting(8, "rigid"), known.load)

@@ -31,12 +31,17 @@ def regions_of(body: str) -> list[CorotationalRegion]:
     return found
 
 
-@pytest.fixture(params=BODIES)
+NAMES = [
+    pytest.param(name, marks=[pytest.mark.slow] if name == "quadratic" else []) for name in BODIES
+]  # MIXED has some
+
+
+@pytest.fixture(params=NAMES)
 def regions(request: pytest.FixtureRequest) -> list[CorotationalRegion]:
     return regions_of(request.param)
 
 
-@pytest.fixture(params=[name for name in BODIES if name != "point"])
+@pytest.fixture(params=[name for name in NAMES if name.values != ("point",)])
 def solids(request: pytest.FixtureRequest) -> list[CorotationalRegion]:
     """Those whose turn their points show."""
     found = regions_of(request.param)
