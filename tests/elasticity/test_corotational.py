@@ -31,9 +31,8 @@ def regions_of(body: str) -> list[CorotationalRegion]:
     return found
 
 
-NAMES = [
-    pytest.param(name, marks=[pytest.mark.slow] if name == "quadratic" else []) for name in BODIES
-]  # MIXED has some
+# MIXED, too, has quadratic frames
+NAMES = [pytest.param(name, marks=[pytest.mark.slow] if name == "quadratic" else []) for name in BODIES]
 
 
 @pytest.fixture(params=NAMES)
