@@ -20,6 +20,7 @@ def heard() -> Iterator[None]:
     mujoco.set_mju_user_warning(None)
 
 
+@pytest.mark.slow
 def test_random_edits_do_no_harm() -> None:
     report = abuse.abused(150, seed=0)
     assert report.failures == ()

@@ -37,6 +37,7 @@ def test_a_mesh_fills_a_grid_of_so_many_cells(tmp_path: Path) -> None:
     assert measured.memory > 10 * measured.cells  # labels and voxel numbers alone
 
 
+@pytest.mark.slow
 def test_a_volume_is_resampled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(SWITCH, "0")  # as `measure_here` sets it, but for this test only
     measured = measure_here(Job(str(bench_large.STEAK), 30_000, 2))

@@ -113,6 +113,7 @@ def steak_volume() -> Volume:
     return Volume.load(Path(__file__).parents[2] / "models" / "steak.npz")
 
 
+@pytest.mark.slow
 def test_a_steak_lies_still() -> None:
     model, data = compiled(FLOOR, (build(steak_volume(), 3), (0, 0, 0.03), (1, 0, 0, 0)))
     for _ in range(2500):  # [2 ms] falls and settles

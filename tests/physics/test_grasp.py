@@ -17,7 +17,9 @@ def gripper(request: pytest.FixtureRequest) -> str | None:
     return None if request.param == "fingers on slides" else str(shared("scenes/robotiq_2f85/2f85.xml"))
 
 
-@pytest.mark.parametrize("scene", [soft_block, soft_pads], ids=["soft block", "soft pads"])
+@pytest.mark.parametrize(
+    "scene", [soft_block, pytest.param(soft_pads, marks=pytest.mark.slow)], ids=["soft block", "soft pads"]
+)
 def test_what_is_lifted_slips_by_less_than_a_millimetre(
     scene: Callable[[str | None], Grasp], gripper: str | None
 ) -> None:
