@@ -64,6 +64,7 @@ def test_from_the_side_it_bends(tmp_path: Path) -> None:
     assert any("the far side moved by" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_ball_is_pressed_beside_hertz(tmp_path: Path) -> None:
     found = pressed(tmp_path, "ball", 0.02, 0.002, frames=30)
     assert found.hertz is not None

@@ -324,6 +324,7 @@ def test_the_error_that_is_promised_is_that_of_a_step(volume: mf.Volume, weight:
     assert error == pytest.approx(promised, rel=0.1, abs=0.002)
 
 
+@pytest.mark.slow
 def test_an_error_chooses_the_number_of_frames() -> None:
     held = np.zeros(hook().labels.shape, bool)
     held[:2] = hook().labels[:2] > 0
