@@ -122,6 +122,7 @@ def test_a_free_body_comes_to_rest_under_loads_that_would_turn_it_over() -> None
     assert more.push("20%") < 0.5
 
 
+@pytest.mark.slow
 def test_the_defaults_follow_a_sandwich_and_the_papers_method_does_not(layers: Verdict) -> None:
     defaults, papers = (next(row for row in layers.of(m) if row.frames == 5) for m in (WHOLE_BODY, PAPER))
     assert defaults.push("5%") < 0.05
