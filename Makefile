@@ -1,7 +1,8 @@
 # Every target starts from a bare machine: Python 3.11 or newer with venv, a C++ compiler, make.
 #   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
-#   make test          all tests, on the MuJoCo that dm_control supports
-#   make test-mujoco4  the same tests but dm_control's, on MuJoCo 4
+#   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 8 minutes on two cores
+#   make test-all      all tests there, in 30 minutes
+#   make test-mujoco4  all tests but dm_control's and Ray's, on MuJoCo 4
 #   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
@@ -25,12 +26,15 @@ define draw
 MUJOCO_GL=$$($(1)/bin/python -c 'from mjframes.app.doctor import working_backend as w; print(w() or "")')
 endef
 
-.PHONY: demo test test-mujoco4 bench bench-worlds report check wheels check-wheels docs lint format clean
+.PHONY: demo test test-all test-mujoco4 bench bench-worlds report check wheels check-wheels docs lint format clean
 
 demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
 
 test: $(VENV)/installed
+	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q $(PYTEST_PARALLEL) -m "not slow"
+
+test-all: $(VENV)/installed-ray
 	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q $(PYTEST_PARALLEL)
 
 test-mujoco4: $(VENV4)/installed
@@ -84,7 +88,7 @@ $(VENV)/installed-lint: $(VENV)/installed
 	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,dev,docs,wheels]" mujoco==$(MUJOCO)
 	touch $@
 
-$(VENV)/installed-wheels $(VENV)/installed-docs: $(VENV)/installed-%: $(VENV)/installed
+$(VENV)/installed-ray $(VENV)/installed-wheels $(VENV)/installed-docs: $(VENV)/installed-%: $(VENV)/installed
 	$(VENV)/bin/python $(PIP_INSTALL) -e ".[all,test,$*]" mujoco==$(MUJOCO)
 	touch $@
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-pytest_plugins = ["pytest_mjframes"]  # as an installed mjframes does by itself
+pytest_plugins = ["pytest_mjframes", "builders.durations"]  # an installed mjframes has the first by itself
 
 if not any(os.environ.get(name) for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")):
     try:

@@ -17,6 +17,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene.attach import attach
 from mjframes.scene.scene_file import write_scene
 
+pytestmark = pytest.mark.slow
 pytest.importorskip("mcap")
 pytest.importorskip("ray", reason="the extra ray is not installed")
 

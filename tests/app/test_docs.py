@@ -46,7 +46,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if snippets(page)], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.slow] if page.stem != "README" else []) for page in PAGES if snippets(page)],
+    ids=lambda page: page.stem,
+)
 def test_snippets_run_one_after_the_other(page: Path, folder: Path) -> None:
     if page.stem == "learning":
         pytest.importorskip("gymnasium")

@@ -80,7 +80,10 @@ def soft_grasp() -> Scene:
     return Scene(hand.model, hand.data, "front", (0.2,), close)
 
 
-@pytest.mark.parametrize("scene", [falling_steak, pulled_knee, bent_elbow, soft_grasp])
+@pytest.mark.parametrize(
+    "scene",
+    [falling_steak, *(pytest.param(some, marks=pytest.mark.slow) for some in (pulled_knee, bent_elbow, soft_grasp))],
+)
 def test_an_example_looks_as_it_did(scene: Callable[[], Scene], golden: Goldens) -> None:
     scene().check(golden, scene.__name__)
 

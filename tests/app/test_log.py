@@ -446,6 +446,7 @@ def logged_states(path: Path) -> int:
         return 0
 
 
+@pytest.mark.slow
 def test_a_log_of_a_second_is_small(ball: tuple[mujoco.MjModel, Path]) -> None:
     model, folder = ball
     assert model.nskinvert > 4000

@@ -664,6 +664,7 @@ def shown() -> Iterator[Page]:
             loop.join()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: apt-get install chromium")
 def test_a_softer_bar_sags_on_the_page(shown: Page) -> None:
     """In a browser: a slider makes it softer, and its skin goes down there; the mouse lifts its end, and lets it go."""

@@ -20,6 +20,7 @@ def heard() -> Iterator[None]:
     mujoco.set_mju_user_warning(None)
 
 
+@pytest.mark.slow
 def test_random_edits_do_no_harm() -> None:
     report = abuse.abused(150, seed=0)
     assert report.failures == ()
@@ -63,6 +64,7 @@ def test_some_scenes_have_flexes_of_each_kind() -> None:
     assert {tuple(model.flex_dim) for model in models} == {(), (1,), (2,), (3,)}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("heard")
 @pytest.mark.parametrize("edit", ["render", "cloth"])
 def test_pictures_and_flexes_are_among_the_edits(monkeypatch: pytest.MonkeyPatch, edit: str) -> None:

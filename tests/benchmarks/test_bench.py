@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.pictures import picture, share
 
 from benchmarks.contenders.flex import FlexProcess, FlexSetting
 from benchmarks.speed import bench, instructions, steps
@@ -224,6 +225,8 @@ def test_tables_have_every_number(tmp_path: Path) -> None:
     assert [column[0] for column in rows] == ["free", "10", "5 (0.5 ×)", "200 (20.0 ×)"]
     draw_steps([*speeds, *beams], tmp_path / "steps.png")
     assert (tmp_path / "steps.png").stat().st_size < 60_000
+    shown = picture(tmp_path / "steps.png")
+    assert min(share(shown, color) for color in ("tab:blue", "tab:purple", "tab:green", "tab:orange")) > 2e-4
 
 
 @pytest.mark.skipif(not MUJOCO4, reason="MJFRAMES_MUJOCO4 names no Python that has MuJoCo 4")
@@ -249,6 +252,7 @@ def test_costs_of_a_law_compare_the_same_contacts(slab: Volume) -> None:
     assert cost.over_bodies == pytest.approx(cost.step("contact") / cost.step("contact", BARE))
 
 
+@pytest.mark.slow
 def test_main_prints_tables_and_writes_every_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

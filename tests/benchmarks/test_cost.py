@@ -13,6 +13,7 @@ from mjframes.volume.volume import Volume
 
 
 @pytest.mark.parametrize(("law", "bound"), [("corotational", 2), ("neo_hookean", 4)])
+@pytest.mark.slow
 def test_elasticity_is_cheap_beside_contacts(law: str, bound: float) -> None:
     cost = bench.measure_cost(Volume.load(STEAK), bench.Size(3), law, rounds=5)
     if law != "corotational":

@@ -101,6 +101,7 @@ def test_finite_elements_bend_and_swing_a_beam_as_euler_and_bernoulli_say() -> N
     assert np.abs(known.moved).max() == pytest.approx(1e-3 * body.grid.length, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_free_body_is_solved_without_its_rigid_motions() -> None:
     body = free_core()
     mesh = bricks(body.grid, body.held, 1, 1)
@@ -111,6 +112,7 @@ def test_a_free_body_is_solved_without_its_rigid_motions() -> None:
     assert 1 < known.frequencies[0] < 20
 
 
+@pytest.mark.slow
 def test_a_free_body_comes_to_rest_under_loads_that_would_turn_it_over() -> None:
     body = free_core()
     found = judge(body, exact_solution(body), True, lambda stage: None)
@@ -120,6 +122,7 @@ def test_a_free_body_comes_to_rest_under_loads_that_would_turn_it_over() -> None
     assert more.push("20%") < 0.5
 
 
+@pytest.mark.slow
 def test_the_defaults_follow_a_sandwich_and_the_papers_method_does_not(layers: Verdict) -> None:
     defaults, papers = (next(row for row in layers.of(m) if row.frames == 5) for m in (WHOLE_BODY, PAPER))
     assert defaults.push("5%") < 0.05

@@ -38,6 +38,7 @@ def test_worlds_of_another_stiffness_differ(monkeypatch: pytest.MonkeyPatch) -> 
     assert worlds.differences(*scene(), 64, 1, 20) == 64
 
 
+@pytest.mark.slow
 def test_memory_beyond_mujocos_own_is_bounded() -> None:
     model, _ = scene()
     rigid = mujoco.MjModel.from_xml_string(FLOOR)

@@ -66,6 +66,7 @@ def test_held_pieces_have_frames_of_their_own_beside_the_chosen_ones() -> None:
     assert (len(body.types), body.held) == (2, 1)
 
 
+@pytest.mark.slow
 def test_what_comes_nearest_is_taken_where_no_number_keeps_it() -> None:
     volume = mf.Volume.load(Path(__file__).parents[2] / "models" / "fingertip.npz")
     with pytest.warns(Notice, match=rf"^frames are not given: of up to {MOST}, \d+ come nearest to an error of 15%: 2"):

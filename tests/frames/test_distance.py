@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from builders.shapes import bar, block, mixed
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
@@ -117,6 +118,7 @@ def test_edge_costs_have_the_bits_of_a_float():
     assert cost == np.float32(cost)
 
 
+@pytest.mark.slow
 def test_a_sweep_is_compiled_once(tmp_path: Path) -> None:
     """For one set of types, whoever calls it: each more costs everybody's first build two seconds."""
     program = """

@@ -81,7 +81,7 @@ def cup() -> SoftBody:
     return build(Volume.from_labels(labels, 0.004, {1: Material(8e4, 0.4, 1100), 2: Material(2e6, 0.4, 1200)}), 5)
 
 
-@pytest.mark.parametrize("timestep", [0.0005, 0.002])
+@pytest.mark.parametrize("timestep", [pytest.param(0.0005, marks=pytest.mark.slow), 0.002])
 def test_a_thin_walled_cup_on_the_edge_of_a_box_makes_no_energy(timestep: float) -> None:
     # contacts as hard as the whole body's mass asks for pump the wall up: 1.5 and 1.8 times the energy of the start
     edge = '<geom type="box" size=".03 .05 .03" pos=".06 .05 .03" euler="0 20 0"/></worldbody>'
@@ -113,6 +113,7 @@ def steak_volume() -> Volume:
     return Volume.load(Path(__file__).parents[2] / "models" / "steak.npz")
 
 
+@pytest.mark.slow
 def test_a_steak_lies_still() -> None:
     model, data = compiled(FLOOR, (build(steak_volume(), 3), (0, 0, 0.03), (1, 0, 0, 0)))
     for _ in range(2500):  # [2 ms] falls and settles

@@ -5,14 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from builders.pictures import picture, share
 
 from examples import hertz
 
+pytest.importorskip("matplotlib")
 
-def test_the_force_of_a_pressed_ball_comes_near_to_that_of_hertz(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
+
+def test_dents_bring_a_coarse_ball_nearer_to_hertz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hertz, "ACROSS", 12)
+    monkeypatch.setattr(hertz, "FRAMES", (2, 3, 5))
     found = hertz.run(tmp_path)
-    assert (tmp_path / "hertz.png").stat().st_size > 20_000
+    shown = picture(tmp_path / "hertz.png")
+    assert min(share(shown, color) for color in hertz.COLORS) > 3e-4
+    without, with_dents = found.ratio
+    assert (without > 1.5).all()
+    assert (with_dents < 0.8 * without).all()
+
+
+@pytest.mark.slow
+def test_the_force_of_a_pressed_ball_comes_near_to_that_of_hertz(tmp_path: Path) -> None:
+    found = hertz.run(tmp_path)
+    shown = picture(tmp_path / "hertz.png")
+    assert min(share(shown, color) for color in hertz.COLORS) > 3e-4
     without, with_dents = found.ratio
     assert without[0, -1] > 1.5  # 5 frames are too few for the dent
     assert without[1:, -1] == pytest.approx(1.4, abs=0.1)  # what is left of it from ten on

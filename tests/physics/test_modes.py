@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.pictures import picture, share
 
 import mjframes as mf
 from examples import modes
@@ -15,11 +16,13 @@ from mjframes.base.choices import LAWS
 DEFORMED = [mode for mode in modes.MOTIONS if mode != "rest"]
 SHEAR_MODULUS = modes.YOUNG / (2 * (1 + modes.POISSON))
 SMALL = 0.01  # of the drawn motions
+BAR = (0.8, 0.6, 0.55)  # its colour
 
 
 def test_each_mode_costs_energy(tmp_path: Path) -> None:
     energies = modes.run(tmp_path)
-    assert (tmp_path / "modes.png").stat().st_size > 50_000
+    rows = np.array_split(picture(tmp_path / "modes.png"), 2)
+    assert min(share(panel, BAR) for row in rows for panel in np.array_split(row, 3, axis=1)) > 0.04
     assert abs(energies.pop("rest")) < 1e-12
     assert set(energies) == {"twist", "stretch", "compression", "shear", "bending"}
     assert min(energies.values()) > 5  # [J]

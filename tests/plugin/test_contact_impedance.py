@@ -47,3 +47,18 @@ def test_a_time_constant_is_never_below_two_timesteps(timestep: float) -> None:
         assert data.nefc > 3
         stiffness = 1 / (0.95 * max(0.01, shortest)) ** 2
         np.testing.assert_allclose(data.efc_KBIP[:, 0], stiffness)
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_contacts_give_way_alike_with_the_exact_diagonal_enabled(cone: str) -> None:
+    """Theirs is already that of the effective inertia, whatever MuJoCo takes its own for."""
+    scene = FLOOR.replace("<mujoco>", f'<mujoco><option cone="{cone}"/>')
+    body = (block((6, 6, 6), 0.01, 1000), (0, 0, -0.001), (1, 0, 0, 0))
+    model, data = compiled(scene, body, contact=Contact(priority=1))
+    resistances = []
+    for enabled in (0, mujoco.mjtEnableBit.mjENBL_DIAGEXACT):
+        model.opt.enableflags = enabled
+        mujoco.mj_forward(model, data)
+        resistances.append(data.efc_R.copy())
+    assert len(resistances[0]) > 3
+    np.testing.assert_allclose(resistances[1], resistances[0], rtol=1e-9)

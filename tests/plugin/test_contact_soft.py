@@ -143,7 +143,11 @@ def test_a_collision_in_free_flight_makes_no_momentum() -> None:
     assert np.linalg.norm(x[1] - x[0]) > 0.08  # they bounced off each other
 
 
-@pytest.mark.parametrize("masses", [(1, 10, 100), (100, 10, 1)], ids=["heavy above", "heavy below"])
+@pytest.mark.parametrize(
+    "masses",
+    [pytest.param((1, 10, 100), marks=pytest.mark.slow), (100, 10, 1)],
+    ids=["heavy above", "heavy below"],
+)
 def test_a_stack_of_three_comes_to_rest(masses: tuple[int, int, int]) -> None:
     floor = FLOOR.replace("<mujoco>", '<mujoco><option cone="elliptic" impratio="300" timestep="0.004"/>')
     bodies = [block((20, 20, 8), 0.0075, 10 * mass, 0.005) for mass in masses]

@@ -188,6 +188,7 @@ def test_a_cloth_acts_at_its_contact_point(turning: bool, cone: str, jacobian: s
             assert rows[c.efc_address, mine] @ rates == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_cloth_comes_to_rest_on_a_slab() -> None:
     """MuJoCo's cloth trembles: in single steps the slab bears its weight to within 15 %, over many exactly that."""
     xml = CLOTH.format(cone="pyramidal", jacobian="auto", gravity=-9.81, dim=2, layers=1, contact="")

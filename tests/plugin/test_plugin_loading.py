@@ -230,6 +230,7 @@ def test_a_plugin_that_is_loaded_is_not_loaded_again(sources: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_numbers_are_read_alike_in_every_locale(tmp_path: Path) -> None:
     if shutil.which("localedef") is None:
         pytest.skip("no locale with a comma can be made without localedef")

@@ -25,6 +25,7 @@ from mjframes.scene.contact import Contact
 from mjframes.scene.sensors import add_sensor
 from mjframes.volume.volume import Volume
 
+pytestmark = pytest.mark.slow
 SOURCES = Path(__file__).parents[2] / "plugin"
 SCENE = """
 <mujoco>

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from builders.damaged import DAMAGED, PRINTABLE, edited, saved, saved_beam, wrong_arrays
 from builders.scenes import FLOOR, TILTED, beam, compiled, lump
 from builders.shapes import mixed
+from builders.tiers import thinned
 
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
@@ -343,7 +345,7 @@ def test_the_discrete_integrator_allows_pgs_and_noslip() -> None:
     mujoco.mj_step(model, mujoco.MjData(model))
 
 
-@pytest.mark.parametrize("damage", DAMAGED)
+@pytest.mark.parametrize("damage", thinned(product(DAMAGED), 3))
 def test_damaged_data_is_refused_by_a_sentence(damage: str, warnings: list[str]) -> None:
     *edit, sentence = DAMAGED[damage]
     xml = edited(*edit)
@@ -364,7 +366,12 @@ def refusal(xml: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("law", "method"), [("corotational", "whole_body"), ("neo_hookean", "whole_body"), ("neo_hookean", "paper")]
+    ("law", "method"),
+    [
+        ("neo_hookean", "whole_body"),
+        pytest.param("corotational", "whole_body", marks=pytest.mark.slow),
+        pytest.param("neo_hookean", "paper", marks=pytest.mark.slow),
+    ],
 )
 def test_arrays_are_whole_and_finite(law: str, method: str, warnings: list[str]) -> None:
     labels = np.ones((16, 4, 4), int)

@@ -59,8 +59,13 @@ def scene() -> str:
     return spec.to_xml()
 
 
+@cache
+def loaded() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(scene())
+
+
 def started() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = mujoco.MjModel.from_xml_string(scene())
+    model = copy.copy(loaded())
     return model, mujoco.MjData(model)
 
 

@@ -31,7 +31,12 @@ def sheet() -> Volume:
 
 
 @pytest.mark.parametrize(
-    ("volume", "frames", "kind"), [(steak, 3, "affine"), (steak, 10, "affine"), (sheet, 4, "quadratic")]
+    ("volume", "frames", "kind"),
+    [
+        (steak, 3, "affine"),
+        pytest.param(steak, 10, "affine", marks=pytest.mark.slow),
+        (sheet, 4, "quadratic"),
+    ],
 )
 def test_rounded_weights_leave_the_surface_where_it_is(volume: Callable[[], Volume], frames: int, kind: str) -> None:
     body = build(volume(), frames, frame_type=kind)

@@ -117,11 +117,11 @@ def on_floor(body: SoftBody) -> mujoco.MjModel:
 @pytest.mark.parametrize(
     ("law", "factor", "bound"),
     [
-        ("corotational", 0.25, 0.21),
+        pytest.param("corotational", 0.25, 0.21, marks=pytest.mark.slow),
         ("corotational", 0.5, 0.06),
         ("corotational", 2.0, 0.06),
-        ("corotational", 4.0, 0.18),
-        ("neo_hookean", 0.5, 0.04),
+        pytest.param("corotational", 4.0, 0.18, marks=pytest.mark.slow),
+        pytest.param("neo_hookean", 0.5, 0.04, marks=pytest.mark.slow),
         ("neo_hookean", 2.0, 0.05),
     ],
 )

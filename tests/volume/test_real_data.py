@@ -16,6 +16,7 @@ from mjframes.scene.scene_file import standalone_scene
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
+pytestmark = pytest.mark.slow
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 BONE = Material.rigid(1900, name="bone")
 CARTILAGE = Material(1e7, 0.45, 1100, name="cartilage")

@@ -27,6 +27,21 @@ def test_hats_reproduce_their_coordinate():
     np.testing.assert_allclose(weights @ np.array([0.0, 8.0, 23.0]), grid.index[:, 0], atol=1e-12)
 
 
+def test_hats_go_from_edge_to_edge_of_wide_seeds():
+    grid = block(30, 4, 3)
+    x = grid.index[:, 0]
+    cores = [np.flatnonzero(x < 5), np.flatnonzero(x >= 24)]
+    placement = place_frames(grid, at=[[0.115, 0.02, 0.01]], cores=cores)
+    expected = {
+        0: np.interp(x, [4, 11], [1, 0]),
+        11: np.interp(x, [4, 11, 24], [0, 1, 0]),
+        24: np.interp(x, [11, 24], [0, 1]),
+    }
+    weights = linear_weights(grid, placement, axis=0).toarray()
+    for frame, seeds in enumerate(placement.seeds):
+        np.testing.assert_allclose(weights[:, frame], expected[x[seeds].min()], atol=1e-15)
+
+
 def test_along_another_axis():
     grid = block(12, 20, 3)
     placement = place_frames(grid, at=[[0.015, 0.005, 0.01], [0.105, 0.195, 0.01]])
