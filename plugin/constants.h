@@ -119,6 +119,8 @@ inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turn
 // [-] by which a distance's gradient differs from 1 in length: with kTrust its direction is the normal, with kNoTrust it is
 // that of an edge. Around something round of three voxels' radius it differs by 0.02, next to an edge by up to 0.41.
 inline constexpr double kTrust = 0.05, kNoTrust = 0.25;
+inline constexpr double kFlatSide = 0.99;  // [-] length of the mean of a cluster's unit normals, where it is flat
+inline constexpr double kAlong = 0.15;     // [-] cosine of its normal to a contact's: 81° and more
 inline constexpr double kOpposed = 0.5;  // [-] cosine: two surfaces that face each other by less do not lie on each other
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding

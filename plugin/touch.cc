@@ -93,6 +93,16 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
   return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
 }
 
+// Whether a cluster of a flat side touches something that lies along it: the side that faces that has its own points.
+bool LiesAlong(SurfaceState* state, int patch, int begin, const Vec3& normal) {
+  const DeformedPatch deformed = state->Deformed(patch);
+  if (!deformed.contact().has_volume) return false;
+  const Vec3& rest = deformed.patch().volume.facing[deformed.patch().ClusterOf(begin)];
+  const Vec3 facing = MulT(state->Pose(patch).slope, rest);
+  const double length = Norm(facing);
+  return Norm(rest) > kFlatSide && length > 0 && std::abs(Dot(facing, normal)) < kAlong * length;
+}
+
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
@@ -117,7 +127,8 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(0, square, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
+    if (!Settle(0, square, &touch) || LiesAlong(soft.state, soft.number, begin, touch.normal)) continue;
+    if (other.bounded() && PushesOut(soft, touch, share)) continue;
     out[count++] = touch;
   }
   return count;
@@ -210,7 +221,8 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
         square += share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
-      if (touch.distance < margin && Settle(0, square, &touch)) out[count++] = touch;
+      const bool touches = touch.distance < margin && Settle(0, square, &touch);
+      if (touches && !LiesAlong(own.body->contact().state(), own.patch, begin, touch.normal)) out[count++] = touch;
     }
     begin = end;
   }

@@ -67,12 +67,12 @@ def rest_distance_field(
         spacing *= GROWTH
     while True:
         first, shape, index, nodes = _candidates(grid, surface, spacing)
+        distance = signed_distance(surface, nodes, spacing)
+        active = distance < BAND * spacing
+        nodes, index, distance = nodes[active], index[active], distance[active]
         if len(index) <= NODES:
             break
         spacing *= GROWTH
-    distance = signed_distance(surface, nodes, spacing)
-    active = distance < BAND * spacing
-    nodes, index, distance = nodes[active], index[active], distance[active]
     node_weights = shapes.at(grid, nodes)
     return DistanceField(
         spacing=spacing,

@@ -138,7 +138,7 @@ def test_a_collision_in_free_flight_makes_no_momentum() -> None:
         touched = max(touched, data.ncon)
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(momenta(model, data), before, atol=1e-10)
-    assert touched >= 3
+    assert touched >= 2
     x = [soft(model, data, name).control_positions.mean(axis=0) for name in soft_names(model)]
     assert np.linalg.norm(x[1] - x[0]) > 0.08  # they bounced off each other
 

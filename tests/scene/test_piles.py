@@ -64,7 +64,7 @@ def test_the_box_of_a_patch_holds_it_at_twice_its_size_whichever_way_it_is_turne
         alike = [other for other in patches if other.carrier == patch.carrier]
         far = [np.linalg.norm(vertices[some.vertices] - data.geom_xpos[geom], axis=1).max() for some in (patch, *alike)]
         half = model.geom_aabb[geom, 3:]
-        assert half.min() >= 2 * far[0] * (1 - 1e-12)
+        assert half.min() >= 2 * far[0] * (1 - 1e-5)
         assert half.max() < 2 * (max(far) + body.contact.reach)
 
 
