@@ -44,7 +44,7 @@ inline constexpr const char* kSoftAttributes[] = {
     "cell_slope",
     "region_mass",
     "region_enlargement",
-    "contact_reach",
+    "contact_radius",
     "patch_size",
     "patch_clusters",
     "patch_cluster_size",
@@ -64,8 +64,7 @@ inline constexpr const char* kSoftAttributes[] = {
     "set_size",
     "set_point",
     "lattice_weight",
-    "lattice_vertex",
-    "lattice_normal",
+    "lattice_sphere",
     "asset",
 };
 

@@ -71,7 +71,7 @@ double ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   return mean / total;
 }
 
-// Makes a direction, a place and a variance of the sums over what touches, balls of that radius. square: of their
+// Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
 // places, by share. False where opposite normals cancel, as where a thin geom is between the vertices: no direction, no
 // contact.
 bool Settle(double radius, double square, Touch* touch) {
@@ -93,21 +93,12 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
   return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
 }
 
-// Whether a cluster of a flat side touches something that lies along it: the side that faces that has its own points.
-bool LiesAlong(SurfaceState* state, int patch, int begin, const Vec3& normal) {
-  const DeformedPatch deformed = state->Deformed(patch);
-  if (!deformed.contact().has_volume) return false;
-  const Vec3& rest = deformed.patch().volume.facing[deformed.patch().ClusterOf(begin)];
-  const Vec3 facing = MulT(state->Pose(patch).slope, rest);
-  const double length = Norm(facing);
-  return Norm(rest) > kFlatSide && length > 0 && std::abs(Dot(facing, normal)) < kAlong * length;
-}
-
-// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.
+// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. A vertex
+// is a ball of the contact radius.
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
-  const double reach = soft.deformed.contact().reach;
-  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin) return 0;
+  const double radius = soft.deformed.contact().radius;
+  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + radius + kBoxMargin) return 0;
   const Patch& patch = soft.deformed.patch();
   const int n = patch.vertices;
   const double* vertices = soft.state->Vertices(soft.number);
@@ -117,7 +108,8 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     const int begin = end;
     end += size;
     other.Distances(vertices, n, begin, end, share);
-    Touch touch = {ShareOut(share, begin, end, reach, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
+    for (int s = begin; s < end; s++) share[s] -= radius;
+    Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
     double square = 0;
     if (!(touch.distance < margin)) continue;
     for (int s = begin; s < end; s++) {
@@ -127,8 +119,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(0, square, &touch) || LiesAlong(soft.state, soft.number, begin, touch.normal)) continue;
-    if (other.bounded() && PushesOut(soft, touch, share)) continue;
+    if (!Settle(radius, square, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
     out[count++] = touch;
   }
   return count;
@@ -195,7 +186,7 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
 int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, int side, double margin,
                   TouchScratch* scratch, Touch* out) {
   if (found.count == 0) return 0;
-  const double reach = own.body->contact().model().reach;
+  const double radius = own.body->contact().model().radius;
   const Patch& patch = own.body->contact().model().patches[own.patch];
   double* share = scratch->share[side];
   const MetPoint* of_vertex[kMaxPatchVertices];
@@ -208,12 +199,13 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
       if (met->patch != other_patch) continue;
       if (!near) std::fill(share + begin, share + end, mjMAXVAL);
       near = true;
-      share[met->number] = met->distance;
+      share[met->number] = met->distance - radius;
       scratch->xi[side][met->number] = met->xi;
       of_vertex[met->number] = met;
     }
     if (near) {
-      Touch touch = {ShareOut(share, begin, end, reach, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
+      Touch touch = {
+          ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
       double square = 0;
       for (int s = begin; s < end && touch.distance < margin; s++) {
         if (share[s] == 0) continue;
@@ -221,8 +213,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
         square += share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
-      const bool touches = touch.distance < margin && Settle(0, square, &touch);
-      if (touches && !LiesAlong(own.body->contact().state(), own.patch, begin, touch.normal)) out[count++] = touch;
+      if (touch.distance < margin && Settle(radius, square, &touch)) out[count++] = touch;
     }
     begin = end;
   }
@@ -245,7 +236,7 @@ int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const bool is_wide = margin > most;  // a sensor of distance may ask farther than what collides
   double height[2];                    // what is higher has no share in a contact
   for (int s = 0; s < 2; s++) {
-    height[s] = (is_wide ? margin : most) + side[s].body->contact().model().reach;
+    height[s] = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
   }
   if (meetings[0]->Apart(meetings[1], std::max(height[0], height[1]))) return 0;
   int count[2];
@@ -270,22 +261,22 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   const SurfaceLocks locks(side);
   const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
   const SoftContact& contact = side[s].body->contact();
-  const double shared = contact.model().reach, ball = Features::Radius(m, rigid);
-  const double reach = std::max(0.0, margin) + shared;
+  const double radius = contact.model().radius, ball = Features::Radius(m, rigid);
+  const double reach = std::max(0.0, margin) + (1 + kBlend) * radius;
   const GeomQuery query(m, d, contact.meshes(), rigid, reach);
   if (!query.valid) return 0;
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
   const double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
-  const Placed soft = Place(contact, side[s].patch, d, room + shared + ball);
+  const Placed soft = Place(contact, side[s].patch, d, room + radius + ball);
   int count = 0;
   if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
     const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
     if (contact.model().has_volume && m->geom_type[rigid] == mjGEOM_ELLIPSOID) {
       count += SupportTouches(m, d, rigid, soft, margin, out + count);
     } else if (contact.model().has_volume) {
-      const double height = std::max(0.0, margin) + shared + ball;  // what is higher has no share in a contact
+      const double height = std::max(0.0, margin) + kBlend * radius + ball;  // what is higher has no share in a contact
       const MetPoints found = contact.meetings()->FindFeatures(m, d, rigid, soft.room, height);
-      count += FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, shared, margin,
+      count += FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, kBlend * radius, margin,
                               out + count);
     }
     // those of features point out of the soft body, the others into it

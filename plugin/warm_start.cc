@@ -28,7 +28,7 @@ bool IsTaken(const mjModel* m, const mjData* d, int row) {
   if (island < 0) return false;  // it moves nothing
   const int rows = parted ? d->island_nefc[island] : d->nefc;
   const int dofs = static_cast<int>(parted ? d->island_nv[island] : m->nv);
-  return rows <= std::min(kMostRows, std::max(kFewRows, 3 * dofs));
+  return rows <= std::min(kMostRows, std::max(kFewRows, 2 * dofs));
 }
 
 bool TouchesSoft(const mjModel* m, const mjData* d, int row) {

@@ -1,6 +1,6 @@
-"""Contact vertices grouped into patches (one geom each) and clusters (one contact each); the paper, §5.4.
+"""Contact spheres grouped into patches (one geom each) and clusters (one contact each); the paper, §5.4.
 
-A patch holds the vertices whose deepest frame in the tree is the same, because its geom's body must carry every degree
+A patch holds the spheres whose deepest frame in the tree is the same, because its geom's body must carry every degree
 of freedom that moves it, and whose surface faces the same way (± one of the three axes), because a flat floor or a wall
 then meets few patches. The few at a rim are no geom of their own: they join another patch of their frame. Each patch is
 cut into at most CLUSTERS compact clusters.
@@ -18,16 +18,16 @@ from mjframes.base.sampling import farthest_points
 from mjframes.kinematics.control import ControlPoints
 
 CLUSTERS = 4  # a patch: what MuJoCo 4 allows between a plane and one geom
-FEW = 2 * CLUSTERS  # [vertices] fewer join another patch: a geom costs time whether it touches or not …
+FEW = 2 * CLUSTERS  # [spheres] fewer join another patch: a geom costs time whether it touches or not …
 SMALL = 0.5  # [-] of the frame's largest patch: … but not where all are alike, and such a face is what a foot stands on
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """The patches of s vertices, sorted by patch and cluster.
+    """The patches of s spheres, sorted by patch and cluster.
 
-    order: (s,) the vertices in this order.
-    patch, cluster: (s,) of each vertex in this order, from 0.
+    order: (s,) the spheres in this order.
+    patch, cluster: (s,) of each sphere in this order, from 0.
     """
 
     order: np.ndarray
@@ -38,7 +38,7 @@ class Patches:
 def group_patches(
     centers: np.ndarray, normals: np.ndarray, weights: sparse.csr_array, control: ControlPoints
 ) -> Patches:
-    """Return the patches of vertices.
+    """Return the patches of spheres.
 
     centers: (s, 3) [m].  normals: (s, 3), outward.  weights: (s, k) of the control points; frames numbered depth first.
     """
@@ -58,7 +58,7 @@ def group_patches(
 
 
 def _joined(kind: np.ndarray) -> np.ndarray:
-    """(s,) the kind of each vertex of a frame; the smallest joins the next one while it has few."""
+    """(s,) the kind of each sphere of a frame; the smallest joins the next one while it has few."""
     kind = kind.copy()
     few = min(FEW, SMALL * np.unique(kind, return_counts=True)[1].max())
     while True:
