@@ -71,7 +71,7 @@ def test_gradients_are_those_of_the_functions(case):
 
 
 @pytest.mark.parametrize(
-    ("types", "words"), [("cubic", "types are 'point'"), (("affine",), "names 1 types for 4 frames")]
+    ("types", "words"), [("cubic", "types are 'affine'"), (("affine",), "names 1 types for 4 frames")]
 )
 def test_wrong_types_are_refused(types, words):
     with pytest.raises(MjframesError, match=words):
