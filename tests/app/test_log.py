@@ -412,8 +412,16 @@ def test_a_log_that_is_cut_off_gives_what_it_has(tmp_path: Path, monkeypatch: py
     (tmp_path / "cut.mcap").write_bytes(content[:50])
     with pytest.raises(MjframesError, match=r"cut\.mcap: not a log that mjframes wrote \(it does not say of what\)"):
         read_log(tmp_path / "cut.mcap")
-    damaged = bytearray(content)
-    damaged[len(content) // 2] ^= 0xFF
+    from mcap.reader import make_reader
+
+    monkeypatch.undo()
+    record(mujoco.MjModel.from_xml_string(ROOM), 0.1, log=tmp_path / "whole.mcap")
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary
+    chunk = summary.chunk_indexes[0]  # the indexes that follow are not read
+    damaged = bytearray((tmp_path / "whole.mcap").read_bytes())
+    damaged[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
     (tmp_path / "cut.mcap").write_bytes(damaged)
     with pytest.raises(MjframesError, match=r"cut\.mcap: not a log that mjframes wrote, or a damaged one"):
         read_log(tmp_path / "cut.mcap")
