@@ -12,7 +12,6 @@ from mjframes.app.collect.plan import CONTROLS
 from mjframes.app.log.options import TOPICS
 from mjframes.base import texts
 from mjframes.base.errors import MjframesError
-from mjframes.cli.build_arguments import add_build
 from mjframes.cli.lengths import direction, indenter
 
 NEGATIVE = re.compile(r"-([xyz](:.*)?|[0-9.].*)")  # a value that begins as an option does
@@ -36,15 +35,25 @@ class Parser(argparse.ArgumentParser):
         raise MjframesError(f"{message}; see {self.prog} --help.")
 
 
-def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]]) -> Parser:
-    """Return the parser; its result has as `command` one of the functions, by the name of the command."""
+def command_line(functions: Mapping[str, Callable[[argparse.Namespace], int]], words: Sequence[str]) -> Parser:
+    """Return the parser; its result has as `command` one of the functions, by the name of the command.
+
+    words: that it will parse; a command that is not among them is listed, without its arguments.
+    """
     parser = Parser(prog="mjframes", description="Soft bodies of several materials in MuJoCo, made of a few frames.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for name, (help_, add) in COMMANDS.items():
         command = commands.add_parser(name, help=help_)
         command.set_defaults(command=functions[name])
-        add(command)
+        if name in words:
+            add(command)
     return parser
+
+
+def _add_build(command: argparse.ArgumentParser) -> None:
+    from mjframes.cli.build_arguments import add_build  # with what builds; the other commands start without
+
+    add_build(command)
 
 
 def _add_materials(command: argparse.ArgumentParser) -> None:
@@ -218,7 +227,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 COMMANDS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
-    "build": ("make a soft body or a scene from a label image or meshes", add_build),
+    "build": ("make a soft body or a scene from a label image or meshes", _add_build),
     "materials": ("list the library of materials, or write a template for an image", _add_materials),
     "inspect": ("draw what build computed: stiffness, distance, weights, regions", _add_inspect),
     "run": ("step a scene; write a video, a log, a plot", _add_run),

@@ -20,7 +20,6 @@ from typing import NoReturn
 
 from mjframes.base.errors import MjframesError, out_of_memory
 from mjframes.cli.arguments import command_line, joined
-from mjframes.cli.build import build
 from mjframes.cli.notices import printed_notices
 
 
@@ -29,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = joined(sys.argv[1:] if argv is None else argv)
 
     def run_command() -> int:
-        arguments = command_line(COMMANDS).parse_args(words)
+        arguments = command_line(COMMANDS, words).parse_args(words)
         return arguments.command(arguments)
 
     return exit_code(run_command)
@@ -88,6 +87,13 @@ def _discard_stdout() -> None:
     """Lets what is still in stdout's buffer go nowhere: Python would complain of it once more at its end."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def build(arguments: argparse.Namespace) -> int:
+    """Read label image, meshes or soft body; write soft body (.npz) or scene (.xml), or one for each piece."""
+    from mjframes.cli.build import build as build_files
+
+    return build_files(arguments)
 
 
 def materials(arguments: argparse.Namespace) -> int:

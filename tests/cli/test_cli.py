@@ -397,3 +397,15 @@ def test_size_and_mass_are_printed_and_odd_sizes_told_of(
     for unit, is_odd in (("mm", True), ("cm", False), ("m", False), ("ft", False)):
         assert main([*command, "--unit", unit, "-o", str(tmp_path / "b.npz")]) == 0
         assert ("give scale or --unit" in capsys.readouterr().err) == is_odd
+
+
+def test_commands_that_build_nothing_start_without_what_builds() -> None:
+    """It takes twice as long to import as all else."""
+    program = (
+        "import contextlib, sys; from mjframes.cli.commands import main\n"
+        "with contextlib.suppress(SystemExit): main(['run', '--help'])\n"
+        "print(*(name for name in ('numba', 'mjframes.body.options') if name in sys.modules), file=sys.stderr)"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "usage: mjframes run" in run.stdout
+    assert run.stderr.split() == []
