@@ -41,6 +41,15 @@ def test_the_command_line_has_the_same_defaults() -> None:
     assert defaults.keys() - found.keys() == {"volume", "at", "supports", "progress"}  # no text can say those
 
 
+@pytest.mark.parametrize("name", sorted(parsed()))
+def test_each_option_of_the_command_line_arrives(name: str) -> None:
+    field, said = next((field, said) for field, said in options_of(BuildOptions) if field.name == name)
+    text = {"E": "0.1", "N": "7", "ALPHA,BETA": "1,0.002", "LENGTH": "3mm"}.get(str(said.metavar)) or said.choices[-1]
+    found = parsed(f"--{name.replace('_', '-')}", text)[name]
+    assert found == (said.reads(text) if said.reads else text)
+    assert found != field.default
+
+
 def test_choices_have_options_of_their_own() -> None:
     assert parsed("--method", "paper", "--samples", "4")["method"] == Paper(4)
     assert parsed("--subdivisions", "3")["weights"] == mf.Voronoi(3)
