@@ -116,8 +116,16 @@ inline constexpr double kFlatDistance =
     0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
 inline constexpr double kOnSurface = 1e-6;  // [cubes]
 inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turned inside out or flat
-// What is higher than its cluster's deepest by this many contact radii or more has no share in the contact.
-inline constexpr double kBlend = 1;         // [-]
+// [-] by which a distance's gradient differs from 1 in length: with kTrust its direction is the normal, with kNoTrust
+// it is that of an edge. Around something round of three voxels' radius it differs by 0.02, next to an edge by up to
+// 0.41.
+inline constexpr double kTrust = 0.05, kNoTrust = 0.25;
+inline constexpr double kFlatSide = 0.99;  // [-] length of the mean of a cluster's unit normals, where it is flat
+inline constexpr double kCornerTop =
+    0.04;                               // [reach], a fiftieth of a voxel: a corner as high above the rest bears nothing
+inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
+inline constexpr double kOpposed =
+    0.5;  // [-] cosine: two surfaces that face each other by less do not lie on each other
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
 inline constexpr int kSupportSteps = 4;     // from an ellipsoid's centre to its point nearest to the surface

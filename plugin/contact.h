@@ -1,8 +1,7 @@
 // Contacts of patches: where MuJoCo asks for them (collision hook) and what the solver sees (rows).
 //
-// A vertex s is a sphere of the contact radius that moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that
-// are nearly as deep as its deepest moments one contact, at p = Σ_s a_s p(s) with moments a_s that go to zero
-// continuously: choosing single vertices instead makes a resting body flip between choices for ever. A contact row
+// A vertex s of the surface moves with p(s) = Σ_j W_j(s) x_j. The vertices of a cluster that are nearly as deep as its
+// deepest share one contact, at p = Σ_s a_s p(s) with shares a_s that go to zero continuously: choosing single vertices instead makes a resting body flip between choices for ever. A contact row
 // along t reads tᵀ Σ_j ω_j J_j with ω_j = Σ_s a_s W_j(s) over the degrees of freedom of the soft body: equation (11).
 // Where vertices do not reach, features of geoms and other soft bodies do (touch.h).
 

@@ -65,6 +65,19 @@ Vec3 DeformedPatch::VertexPoint(int s) const {
   return ToVec3(field_.vertex.data() + 3 * (patch().volume.first_vertex + s));
 }
 
+Vec3 DeformedPatch::VertexNormal(int s) const {
+  Cube cube;
+  Vec3 fraction;
+  Mat3 F;
+  if (!Enter(VertexPoint(s), &cube, &fraction) || !Deform(&cube)) return {};
+  Interpolate(cube.x, fraction, &F);
+  if (!(Det(F) > 0)) return {};
+  const int32_t* n = field_.normal.data() + 3 * (patch().volume.first_vertex + s);
+  const Vec3 out = MulT(Inverse(F), {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])});
+  const double length = Norm(out);
+  return length > 0 ? (1 / length) * out : Vec3{};
+}
+
 // Whether any of the nodes is under this patch, and any within a cube of the inside.
 bool DeformedPatch::Owns(const int* nodes) const {
   const bool owned = std::any_of(nodes, nodes + 8, [this](int node) { return field_.patch[node] == patch_; });
@@ -132,13 +145,14 @@ DeformedPatch::Search DeformedPatch::Find(const Vec3& p, bool own, double height
   return Search::kNowhere;
 }
 
-bool DeformedPatch::Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal) const {
+bool DeformedPatch::Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal, double* doubt) const {
   Vec3 q = xi, fraction, gradient;
   for (int climb = 0;; climb++) {
     if (!Enter(q, cube, &fraction)) return false;
     const double height = field_.Distance(cube->nodes, fraction, &gradient) / field_.spacing;
     const double length = Norm(gradient);
     if (!(length > kFlatDistance * field_.spacing)) return false;
+    *doubt = std::abs(length / field_.spacing - 1);
     if (climb == kClimbs || std::abs(height) < kOnSurface) break;
     q = q - (height / length) * gradient;
   }
@@ -155,7 +169,8 @@ bool DeformedPatch::Distance(const Vec3& p, bool own, Vec3* xi, double* distance
   Cube cube;
   Mat3 slope;
   Vec3 surface;
-  if (Find(p, own, mjMAXVAL, xi, &cube, &slope) != Search::kFound || !Surface(*xi, &cube, &surface, normal))
+  double doubt;
+  if (Find(p, own, mjMAXVAL, xi, &cube, &slope) != Search::kFound || !Surface(*xi, &cube, &surface, normal, &doubt))
     return false;
   *distance = Dot(*normal, p - surface);
   return true;

@@ -91,17 +91,22 @@ class DeformedPatch {
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
   bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {
     Cube cube;
-    return Surface(xi, &cube, position, normal);
+    double doubt;
+    return Surface(xi, &cube, position, normal, &doubt);
   }
 
-  // The same; leaves the cube around that surface point.
-  bool Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal) const;
+  // The same; leaves the cube around that surface point, and by how much the distance's gradient there is longer or
+  // shorter than 1: next to edges and midway between two sides it is, and its direction is not to be trusted.
+  bool Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal, double* doubt) const;
 
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;
 
   // The material point ξ of vertex s of the patch.
   Vec3 VertexPoint(int s) const;
+
+  // The normal of the patch's own side at its vertex s, F⁻ᵀ n̄; 0 where the volume there is turned inside out.
+  Vec3 VertexNormal(int s) const;
 
   const ContactModel& contact() const { return contact_; }
   const Patch& patch() const { return contact_.patches[patch_]; }

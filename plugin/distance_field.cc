@@ -30,7 +30,8 @@ std::string DistanceField::Finish(int patches, int vertices) {
   start.assign(1, 0);
   for (const int32_t entries : count) start.push_back(start.back() + std::max(entries, 0));
   if (distance.size() != n || patch.size() != n || count.size() != n ||
-      static_cast<size_t>(start.back()) != weight.size() || vertex.size() != 3 * static_cast<size_t>(vertices)) {
+      static_cast<size_t>(start.back()) != weight.size() || vertex.size() != 3 * static_cast<size_t>(vertices) ||
+      normal.size() != vertex.size()) {
     return "its lattice arrays do not match each other";
   }
   if (!Within(patch, patches)) return "its lattice names patches it has not";

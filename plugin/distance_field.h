@@ -33,6 +33,7 @@ struct DistanceField {
   std::vector<int32_t> units;      // that a weight of 1 has there                 (n)
   std::vector<NodeWeight> weight;  // W_j(n) in units                            (Σ count)
   std::vector<double> vertex;      // ξ of the contact vertices, patch after patch (3 × vertices)
+  std::vector<int32_t> normal;     // of the surface there, outward, of any length (3 × vertices)
 
   // Derived.
   std::vector<int32_t> place;  // from the whole lattice to the nodes kept, −1 where there is none

@@ -2,11 +2,21 @@
 
 #include <algorithm>
 
+#include "world.h"
+
 namespace mjframes {
 namespace {
 
 bool IsPyramid(const mjModel* m, const mjContact& contact) {
   return contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
+}
+
+// Of what a geom rides on [1/kg]: a soft body in one piece, or a rigid body as MuJoCo sees it.
+double InverseMass(const mjModel* m, const mjData* d, int geom) {
+  for (int body = m->geom_bodyid[geom]; body > 0; body = m->body_parentid[body]) {
+    if (const SoftBody* soft = GetSoftBody(d, m->body_plugin[body])) return 1 / soft->mass();
+  }
+  return m->body_invweight0[2 * m->geom_bodyid[geom]];
 }
 
 // What MuJoCo took for the inverse inertia along the contact's normal.
@@ -58,20 +68,21 @@ int RowsTogether(const mjModel* m, const mjData* d, int i) {
   return type == mjEQ_CONNECT || type == mjEQ_WELD ? 3 : 1;
 }
 
-void SetResistances(const mjModel* m, mjData* d, const RowGroup& group) {
+void SetContactResistances(const mjModel* m, mjData* d, int row) {
+  const mjContact& contact = d->contact[d->efc_id[row]];
+  if (contact.geom[0] < 0 || contact.geom[1] < 0) return;
+  const double assumed = AssumedInverse(m, d, contact);
+  const double actual = InverseMass(m, d, contact.geom[0]) + InverseMass(m, d, contact.geom[1]);
+  if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
+  for (int i = row, end = row + RowCount(m, contact); i < end; i++) {
+    SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
+  }
+}
+
+void SetEqualityResistances(const mjModel* m, mjData* d, const RowGroup& group) {
   const int first = group.row, count = RowsTogether(m, d, first);
   Lanes product[kLanes];
   MultiplyGroups(m, group, group, product);
-  if (IsContact(d, first)) {
-    const mjContact& contact = d->contact[d->efc_id[first]];
-    const double assumed = AssumedInverse(m, d, contact);
-    // the normal is the mean of a pyramid's first two edges, or the first row
-    const double actual =
-        IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
-    if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
-    for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
-    return;
-  }
   double sum = 0;
   for (int r = 0; r < count; r++) sum += product[r][r];
   const double length = RowLength(m, d, first), actual = sum / (count * length * length);

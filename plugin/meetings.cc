@@ -20,6 +20,27 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
   return most + most / kSharedVertices;
 }
 
+// Distance of a point from the surface, and the normal by which it leaves the body; false midway between two sides.
+// facing: which way its own surface faces; inwards: the way into its own body, in this one's lattice. From there its way
+// out is looked for, if that is where its own surface faces: at its own place, where two surfaces lie on each other up to
+// an edge, the nearest one may be round the edge. Where this body has an edge, the normal is that of the point's own side.
+bool WayOut(const DeformedPatch& body, const MetPoint& point, const Vec3& facing, const Vec3& inwards,
+            DeformedPatch::Cube* cube, double* distance, Vec3* normal) {
+  Vec3 surface;
+  double doubt;
+  const bool found = body.Surface(point.xi + inwards, cube, &surface, normal, &doubt);
+  const double opposed = found ? -Dot(facing, *normal) : 0;
+  if (opposed < kOpposed) {
+    if (!body.Surface(point.xi, cube, &surface, normal, &doubt)) return false;
+  } else {
+    const double share = opposed * std::clamp((doubt - kTrust) / (kNoTrust - kTrust), 0.0, 1.0);
+    const Vec3 mean = (1 - share) * *normal - share * facing;
+    *normal = (1 / Norm(mean)) * mean;
+  }
+  *distance = Dot(*normal, point.place - surface);
+  return true;
+}
+
 }  // namespace
 
 Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, size_t rigid,
@@ -105,20 +126,10 @@ void Meetings::Search(int patch, Meetings* other, double height, Meeting* out) {
   for (const int s : contact_.patches[patch].volume.walk) {
     // each of the vertices that are left has a place
     sink.most = static_cast<int>(out->found.size()) - --left;
-    const int before = sink.count;
-    other->Seek({s, 0, 0, {vertices[s], vertices[n + s], vertices[2 * n + s]}, {}, 0, {}}, height, &trail, &sink);
-    if (sink.count > before && PushedOutwards(patch, sink.out[before])) sink.count = before;
+    const MetPoint sought = {s, 0, 0, {vertices[s], vertices[n + s], vertices[2 * n + s]}, {}, 0, {}};
+    other->Seek(sought, height, this, patch, &trail, &sink);
   }
   out->count = sink.count;
-}
-
-// Whether a vertex that is in the other body would leave it, by its nearest surface, the way its own surface faces: it
-// is beyond the other's middle, and would draw its body further in.
-bool Meetings::PushedOutwards(int patch, const MetPoint& met) {
-  if (met.distance > 0) return false;
-  const DeformedPatch deformed = state_->Deformed(patch);
-  Vec3 surface, normal;
-  return deformed.Surface(deformed.VertexPoint(met.number), &surface, &normal) && Dot(normal, met.normal) > kOutward;
 }
 
 MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height) {
@@ -164,13 +175,13 @@ void Meetings::SearchFeatures(const Features& features, const mjData* d, int geo
       if (!material_boxes_.AnyWithin(p, room)) continue;
       Measure();
       trail.apart = 0;  // one deep inside may leave the lattice, too, and others are then not far
-      Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, &trail, sink);
+      Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, nullptr, 0, &trail, sink);
     }
   }
 }
 
 // Adds the point if it is in this body or no higher above; measured.
-void Meetings::Seek(const MetPoint& sought, double height, Trail* trail, Sink* sink) {
+void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink) {
   const Vec3& p = sought.place;
   if (!around_.Contains(p, cover_ + height) || Norm(p - trail->start) < trail->apart) return;
   const DeformedPatch all = state_->Deformed(kAllPatches);
@@ -190,7 +201,9 @@ void Meetings::Seek(const MetPoint& sought, double height, Trail* trail, Sink* s
     *trail = {true, at, p, trail->start, there, trail->apart};
     MetPoint met = sought;
     met.xi = at;
-    if (found == Result::kFound) Meet(met, &cube, sink);
+    const Vec3 facing = found == Result::kFound && owner ? owner->state_->Deformed(patch).VertexNormal(sought.number) : Vec3{};
+    const Vec3 inwards = owner ? -owner->contact_.reach * Mul(there, facing) : Vec3{};
+    if (found == Result::kFound) Meet(met, facing, inwards, &cube, sink);
   }
   if (found == Result::kOutside && far > 0) {
     trail->start = p;
@@ -220,13 +233,15 @@ Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
   return state_->Deformed(patch).VertexPoint(vertex) + Mul(*slope, p - Vec3{at[0], at[n], at[2 * n]});
 }
 
-// Adds a point for each patch under which its material point is, in that cube.
-void Meetings::Meet(const MetPoint& found, DeformedPatch::Cube* cube, Sink* sink) {
+// Adds a point for each patch under which its material point is, in that cube. facing, inwards: see WayOut.
+void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube,
+                    Sink* sink) {
   const Vec3 fraction = found.xi - cube->base;
-  Vec3 surface, normal{};
+  Vec3 normal{};
+  double distance = 0;
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
-  const bool there = state_->Deformed(kAllPatches).Surface(found.xi, cube, &surface, &normal);
+  const bool there = WayOut(state_->Deformed(kAllPatches), found, facing, inwards, cube, &distance, &normal);
   for (int corner = 0; corner < 8 && sink->count < sink->most; corner++) {
     const int patch = contact_.field.patch[nodes[corner]];
     const auto same = [&](int node) { return contact_.field.patch[node] == patch; };
@@ -235,13 +250,19 @@ void Meetings::Meet(const MetPoint& found, DeformedPatch::Cube* cube, Sink* sink
     met = found;
     met.patch = patch;
     const PatchVolume& volume = contact_.patches[patch].volume;
-    if (!volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes))) {  // its rows see it elsewhere
-      sink->count += state_->Deformed(patch).Distance(met.place, true, &met.xi, &met.distance, &met.normal);
-    } else if (there && contact_.field.IsNearest(nodes, fraction, patch)) {
-      met.distance = Dot(normal, met.place - surface);
-      met.normal = normal;
-      sink->count++;
+    const bool elsewhere = !volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes));  // its rows see it
+    if (elsewhere ? !state_->Deformed(patch).Find(met.place, true, &met.xi)
+                  : !there || !contact_.field.IsNearest(nodes, fraction, patch)) {
+      continue;
     }
+    met.distance = distance;
+    met.normal = normal;
+    if (!there) {
+      DeformedPatch::Cube around;
+      if (!WayOut(state_->Deformed(patch), met, facing, inwards, &around, &met.distance, &met.normal)) continue;
+    }
+    // one that would leave the way its own surface faces is beyond the middle, and would draw its body further in
+    sink->count += met.distance > 0 || !(Dot(facing, met.normal) > kOutward);
   }
 }
 

@@ -97,11 +97,10 @@ class Meetings {
 
   void Measure();  // where the vertices of all patches are
   void Search(int patch, Meetings* other, double height, Meeting* out);
-  bool PushedOutwards(int patch, const MetPoint& met);
   void SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height, Sink* sink);
-  void Seek(const MetPoint& sought, double height, Trail* trail, Sink* sink);
+  void Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink);
   Vec3 Guess(const Vec3& p, Mat3* slope, double* far);
-  void Meet(const MetPoint& found, DeformedPatch::Cube* cube, Sink* sink);
+  void Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube, Sink* sink);
 
   const ContactModel& contact_;
   const CollisionMeshes& meshes_;

@@ -14,7 +14,7 @@
 namespace mjframes {
 namespace {
 
-constexpr char kVersion[] = "9";  // of the attributes; a model written by another version is refused
+constexpr char kVersion[] = "10";  // of the attributes; a model written by another version is refused
 
 constexpr char kRegionMismatch[] = "its region arrays do not match each other";
 
@@ -296,7 +296,8 @@ DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, R
   field.distance = reader->Array<double>("lattice_distance");
   field.patch = reader->Array<int32_t>("lattice_patch");
   const auto weight = reader->Array<int32_t>("lattice_weight");
-  field.vertex = reader->Array<double>("lattice_sphere");
+  field.vertex = reader->Array<double>("lattice_vertex");
+  field.normal = reader->Array<int32_t>("lattice_normal");
   const auto size = reader->Array<int32_t>("set_size");
   const auto point = reader->Array<int32_t>("set_point");
   const auto set = reader->Array<int32_t>("lattice_set");
@@ -387,7 +388,7 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok()) contact.patches = ReadPatches(m, instance, points, elastic.factors, reader);
   const int patches = static_cast<int>(contact.patches.size());
   if (reader->ok() && patches > 0) {
-    contact.radius = reader->Number("contact_radius");
+    contact.reach = reader->Number("contact_reach");
     contact.has_volume = reader->Has("lattice_spacing") || reader->Has("lattice_node");
     if (contact.has_volume) contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
     for (int i = 0; reader->ok() && i < patches; i++) {

@@ -44,7 +44,7 @@ inline constexpr const char* kSoftAttributes[] = {
     "cell_slope",
     "region_mass",
     "region_enlargement",
-    "contact_radius",
+    "contact_reach",
     "patch_size",
     "patch_clusters",
     "patch_cluster_size",
@@ -64,7 +64,8 @@ inline constexpr const char* kSoftAttributes[] = {
     "set_size",
     "set_point",
     "lattice_weight",
-    "lattice_sphere",
+    "lattice_vertex",
+    "lattice_normal",
     "asset",
 };
 

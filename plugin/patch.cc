@@ -173,8 +173,18 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
 void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
   const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
   walk = Walk(own, contact.patches[number].cluster);
-  if (contact.makes_dents()) spacing = Spacing(own, contact.radius);
+  if (contact.makes_dents()) spacing = Spacing(own, contact.reach);
   const DistanceField& field = contact.field;
+  const int32_t* n = field.normal.data() + 3 * static_cast<size_t>(first_vertex);
+  for (const int size : contact.patches[number].cluster) {
+    if (!contact.has_volume) break;
+    Vec3 sum{};
+    for (const int32_t* end = n + 3 * static_cast<size_t>(size); n != end; n += 3) {
+      const Vec3 normal = {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
+      sum = sum + (1 / std::max(mjMINVAL, Norm(normal) * size)) * normal;
+    }
+    facing.push_back(sum);
+  }
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;
     solid |= field.distance[i] < 0;
@@ -192,7 +202,7 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
       }
     }
   }
-  spread = contact.radius;
+  spread = contact.reach;
   for (const double far : nearest) spread = std::max(spread, far < mjMAXVAL ? far : 0);
 }
 

@@ -91,8 +91,9 @@ struct PatchVolume {
   Vec3 half{};                   // largest |p̄ − p̄₀| along each axis [m]
   std::vector<int32_t> walk;     // the patch's vertices, cluster by cluster, each beside the one before
   bool solid = false;            // whether nodes of the field are inside
+  std::vector<Vec3> facing;      // of each cluster, the mean of its vertices' unit normals, along the lattice's axes
   // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and if it
-  // is not solid, none of these from the nearest other one of the body; that is the contact radius at least.
+  // is not solid, none of these from the nearest other one of the body; that is the reach at least.
   double cover = 0, spread = 0;
   // From each vertex to the nearest other one of the patch, at rest; root mean square [m]. Where contacts make dents.
   double spacing = 0;
@@ -120,7 +121,7 @@ struct Patch {
 
 // What of a soft body touches; never changes.
 struct ContactModel {
-  double radius = 0;  // of the vertices' spheres [m]
+  double reach = 0;  // what is higher than its cluster's deepest by this or more has no share in the contact [m]
   std::vector<Patch> patches;
   // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
   // only.
@@ -130,7 +131,7 @@ struct ContactModel {
   bool makes_dents() const { return !patches.empty() && !patches[0].dent.empty(); }
 
   // What small is to the body [m]: a cube of the lattice, if it has one.
-  double resolution() const { return has_volume ? field.spacing : radius; }
+  double resolution() const { return has_volume ? field.spacing : reach; }
 };
 
 }  // namespace mjframes

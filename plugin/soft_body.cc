@@ -32,7 +32,17 @@ SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftMod
       mass_scale_(force_.size(), 1.0),
       mass_(model_->mass),
       mass_difference_(model_->mass_difference),
+      total_mass_(TotalMass()),
       added_mass_(mass_.size()) {}
+
+double SoftBody::TotalMass() const {
+  double sum = 0;
+  for (size_t i = 0; i < mass_.size(); i++) {
+    const PointPair& pair = kinematics_.pairs()[i];
+    sum += (pair.j == pair.k ? 1 : 2) * mass_[i];
+  }
+  return sum;
+}
 
 // Masses may be changed in the model at any time. √(s_j s_k) M_jk stays positive definite, and right where s is common.
 void SoftBody::ScaleMass(const mjModel* m) {
@@ -59,6 +69,7 @@ void SoftBody::ScaleMass(const mjModel* m) {
     mass_[i] = scale * model_->mass[i];
     mass_difference_[i] = scale * model_->mass_difference[i];
   }
+  total_mass_ = TotalMass();
 }
 
 void SoftBody::Locate(const mjModel* m, const mjData* d) {

@@ -40,6 +40,7 @@ class SoftBody {
   const std::vector<Mat3>& RegionRotationsAt(const Vec3* x) { return elasticity_.Rotations(x); }
   double KineticEnergy(const mjModel* m, const mjData* d);
 
+  double mass() const { return total_mass_; }  // of today [kg]
   int instance() const { return instance_; }
   const SoftModel& model() const { return *model_; }
   const Scaling& scaling() const { return scaling_reader_.latest(); }
@@ -51,6 +52,7 @@ class SoftBody {
   SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model, const ScalingReader& scaling);
 
   void ScaleMass(const mjModel* m);
+  double TotalMass() const;
   void SubtractMass(const std::vector<double>& mass, double scale, const Vec3* u);
 
   int instance_;  // of the plugin
@@ -66,6 +68,7 @@ class SoftBody {
   bool told_mass_ = false;                      // that a mass is not positive
   std::vector<double> mass_scale_;              // of each point, √ of its body's mass to the one it was built with [-]
   std::vector<double> mass_, mass_difference_;  // those of the model, with the masses of today [kg]
+  double total_mass_ = 0;                       // [kg]
   std::vector<double> added_mass_;              // of each pair: h α m + mass difference
 };
 

@@ -43,14 +43,18 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
   }
 }
 
+// Distance of the pressure centre, and of the deepest and the first of the vertices; mjMAXVAL where nothing is near [m].
+struct Shared {
+  double distance, deepest, first;
+};
+
 // Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
-// those that are `reach` above the deepest have none; of a dent, those that are half as deep. Returns the distance of
-// the pressure centre; mjMAXVAL and no shares if nothing is near.
-double ShareOut(double* distance, int begin, int end, double reach, bool dents) {
-  const double deepest = ExtremesOf(distance + begin, end - begin).least;
+// those that are `reach` above the deepest have none; of a dent, those that are half as deep.
+Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) {
+  const double deepest = ExtremesOf(distance + begin, end - begin).least, first = distance[begin];
   if (deepest == mjMAXVAL) {
     std::fill(distance + begin, distance + end, 0.0);
-    return mjMAXVAL;
+    return {mjMAXVAL, mjMAXVAL, first};
   }
   if (dents) reach = std::max(reach, -kDentEdge * deepest);
   double total = 0, mean = 0;
@@ -68,10 +72,10 @@ double ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   for (int s = begin; s < end; s++) {
     if (distance[s] > 0) distance[s] /= total;
   }
-  return mean / total;
+  return {mean / total, deepest, first};
 }
 
-// Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
+// Makes a direction, a place and a variance of the sums over what touches, balls of that radius. square: of their
 // places, by share. False where opposite normals cancel, as where a thin geom is between the vertices: no direction, no
 // contact.
 bool Settle(double radius, double square, Touch* touch) {
@@ -81,6 +85,22 @@ bool Settle(double radius, double square, Touch* touch) {
   touch->variance = static_cast<float>(std::max(0.0, 0.5 * (square - Dot(touch->position, touch->position))));
   touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
   return true;
+}
+
+// Where flat lies on flat, any distribution of the force over a cluster holds it up: the contact goes to the corner,
+// the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
+// pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
+// where it is as deep, 0 from `top` on. corner: where that is, first: its distance [m].
+void MoveToCorner(const PatchVolume& volume, int cluster, double reach, const Vec3& corner, double first, double* share,
+                  Touch* touch) {
+  if (volume.facing.empty() || !(Norm(volume.facing[cluster]) > kFlatSide)) return;
+  const double top = kCornerTop * reach, higher = std::min(first - touch->distance, top);
+  const double moved = higher > 0 ? 1 - higher / top : 1;
+  const Vec3 place = corner - 0.5 * first * touch->normal;
+  if (moved > 0) touch->position = (1 - moved) * touch->position + moved * place;
+  touch->distance += higher > 0 ? higher - 0.5 * higher * higher / top : higher;
+  for (int s = touch->begin; s < touch->end; s++) share[s] *= 1 - moved;
+  share[touch->begin] += moved;
 }
 
 // Whether a geom would push the surface further outwards: it is inside already, and its features bring it out.
@@ -93,25 +113,35 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
   return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
 }
 
-// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. A vertex
-// is a ball of the contact radius.
+// Whether a cluster of a flat side touches something that lies along it: the side that faces that has its own points.
+bool LiesAlong(SurfaceState* state, int patch, int begin, const Vec3& normal) {
+  const DeformedPatch deformed = state->Deformed(patch);
+  if (!deformed.contact().has_volume) return false;
+  const Vec3& rest = deformed.patch().volume.facing[deformed.patch().ClusterOf(begin)];
+  const Vec3 facing = MulT(state->Pose(patch).slope, rest);
+  const double length = Norm(facing);
+  return Norm(rest) > kFlatSide && length > 0 && std::abs(Dot(facing, normal)) < kAlong * length;
+}
+
+// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
                 Touch* out) {
-  const double radius = soft.deformed.contact().radius;
-  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + radius + kBoxMargin) return 0;
+  const double reach = soft.deformed.contact().reach;
+  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin) return 0;
   const Patch& patch = soft.deformed.patch();
   const int n = patch.vertices;
   const double* vertices = soft.state->Vertices(soft.number);
   double* share = scratch->share[side];
-  int end = 0, count = 0;
+  int end = 0, count = 0, cluster = 0;
   for (const int size : patch.cluster) {
     const int begin = end;
     end += size;
     other.Distances(vertices, n, begin, end, share);
-    for (int s = begin; s < end; s++) share[s] -= radius;
-    Touch touch = {ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
+    const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
+    Touch touch = {shared.distance, {}, {}, side, begin, end, 0, {}};
     double square = 0;
-    if (!(touch.distance < margin)) continue;
+    const int number = cluster++;
+    if (!(shared.deepest < margin)) continue;
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
       const Vec3 p = Vertex(vertices, n, s);
@@ -119,8 +149,12 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(radius, square, &touch) || (other.bounded() && PushesOut(soft, touch, share))) continue;
-    out[count++] = touch;
+    if (!Settle(0, square, &touch) || LiesAlong(soft.state, soft.number, begin, touch.normal)) continue;
+    if (other.bounded() && PushesOut(soft, touch, share)) continue;
+    if (patch.dent.empty()) {
+      MoveToCorner(patch.volume, number, reach, Vertex(vertices, n, begin), shared.first, share, &touch);
+    }
+    if (touch.distance < margin) out[count++] = touch;
   }
   return count;
 }
@@ -166,7 +200,7 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
       share[size++] = met->distance - radius;
     }
     if (size == 0) continue;
-    const double distance = ShareOut(share, 0, size, reach, dents);
+    const double distance = ShareOut(share, 0, size, reach, dents).distance;
     if (!(distance < margin)) continue;
     Touch touch = {distance, {}, {}, -1, 0, 0, 0, {}};
     double square = 0;
@@ -186,12 +220,12 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
 int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, int side, double margin,
                   TouchScratch* scratch, Touch* out) {
   if (found.count == 0) return 0;
-  const double radius = own.body->contact().model().radius;
+  const double reach = own.body->contact().model().reach;
   const Patch& patch = own.body->contact().model().patches[own.patch];
   double* share = scratch->share[side];
   const MetPoint* of_vertex[kMaxPatchVertices];
   const MetPoint *met = found.first, *last = found.first + found.count;
-  int begin = 0, count = 0;
+  int begin = 0, count = 0, cluster = 0;
   for (const int size : patch.cluster) {
     const int end = begin + size;
     bool near = false;
@@ -199,23 +233,31 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
       if (met->patch != other_patch) continue;
       if (!near) std::fill(share + begin, share + end, mjMAXVAL);
       near = true;
-      share[met->number] = met->distance - radius;
+      share[met->number] = met->distance;
       scratch->xi[side][met->number] = met->xi;
       of_vertex[met->number] = met;
     }
     if (near) {
-      Touch touch = {
-          ShareOut(share, begin, end, kBlend * radius, !patch.dent.empty()), {}, {}, side, begin, end, 0, {}};
+      const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
+      Touch touch = {shared.distance, {}, {}, side, begin, end, 0, {}};
       double square = 0;
-      for (int s = begin; s < end && touch.distance < margin; s++) {
+      for (int s = begin; s < end && shared.deepest < margin; s++) {
         if (share[s] == 0) continue;
         touch.position = touch.position + share[s] * of_vertex[s]->place;
         square += share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
-      if (touch.distance < margin && Settle(radius, square, &touch)) out[count++] = touch;
+      const bool touches = shared.deepest < margin && Settle(0, square, &touch);
+      if (touches && !LiesAlong(own.body->contact().state(), own.patch, begin, touch.normal)) {
+        if (patch.dent.empty()) {
+          const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
+          MoveToCorner(patch.volume, cluster, reach, corner, shared.first, share, &touch);
+        }
+        if (touch.distance < margin) out[count++] = touch;
+      }
     }
     begin = end;
+    cluster++;
   }
   return count;
 }
@@ -236,7 +278,7 @@ int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   const bool is_wide = margin > most;  // a sensor of distance may ask farther than what collides
   double height[2];                    // what is higher has no share in a contact
   for (int s = 0; s < 2; s++) {
-    height[s] = (is_wide ? margin : most) + (1 + kBlend) * side[s].body->contact().model().radius;
+    height[s] = (is_wide ? margin : most) + side[s].body->contact().model().reach;
   }
   if (meetings[0]->Apart(meetings[1], std::max(height[0], height[1]))) return 0;
   int count[2];
@@ -261,23 +303,23 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   const SurfaceLocks locks(side);
   const int s = side[1].body ? 1 : 0, rigid = geom[1 - s];
   const SoftContact& contact = side[s].body->contact();
-  const double radius = contact.model().radius, ball = Features::Radius(m, rigid);
-  const double reach = std::max(0.0, margin) + (1 + kBlend) * radius;
+  const double shared = contact.model().reach, ball = Features::Radius(m, rigid);
+  const double reach = std::max(0.0, margin) + shared;
   const GeomQuery query(m, d, contact.meshes(), rigid, reach);
   if (!query.valid) return 0;
   // the same for every call on the pair, whatever margin it is made with: what is in the box must not change
   const double room = m->geom_margin[geom[0]] + m->geom_margin[geom[1]] + m->geom_gap[geom[0]] + m->geom_gap[geom[1]];
-  const Placed soft = Place(contact, side[s].patch, d, room + radius + ball);
+  const Placed soft = Place(contact, side[s].patch, d, room + shared + ball);
   int count = 0;
   if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
     const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
     if (contact.model().has_volume && m->geom_type[rigid] == mjGEOM_ELLIPSOID) {
       count += SupportTouches(m, d, rigid, soft, margin, out + count);
     } else if (contact.model().has_volume) {
-      const double height = std::max(0.0, margin) + kBlend * radius + ball;  // what is higher has no share in a contact
+      const double height = std::max(0.0, margin) + shared + ball;  // what is higher has no share in a contact
       const MetPoints found = contact.meetings()->FindFeatures(m, d, rigid, soft.room, height);
-      count += FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, kBlend * radius, margin,
-                              out + count);
+      count +=
+          FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, shared, margin, out + count);
     }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {

@@ -28,7 +28,7 @@ bool IsTaken(const mjModel* m, const mjData* d, int row) {
   if (island < 0) return false;  // it moves nothing
   const int rows = parted ? d->island_nefc[island] : d->nefc;
   const int dofs = static_cast<int>(parted ? d->island_nv[island] : m->nv);
-  return rows <= std::min(kMostRows, std::max(kFewRows, 2 * dofs));
+  return rows <= std::min(kMostRows, std::max(kFewRows, 3 * dofs));
 }
 
 bool TouchesSoft(const mjModel* m, const mjData* d, int row) {
@@ -477,14 +477,15 @@ bool ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* den
     together = RowsTogether(m, d, first);
     for (int row = first; row < first + together; row += kLanes) {
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
-      const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
+      const bool contact = IsContact(d, row), sets = row == first && !contact && group.marked;
+      if (contact && row == first && (group.marked || TouchesSoft(m, d, row))) SetContactResistances(m, d, row);
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
       const bool keeps = starts && IsTaken(m, d, row);
       if (!keeps && !sets) continue;
       group.dof = keeps ? mj_stackAllocInt(d, group.size) : dof_.data();
       group.y = keeps ? mj_stackAllocNum(d, kLanes * group.size) : y_.data();
       inertia_.Solve(m, d, &group);
-      if (sets) SetResistances(m, d, group);
+      if (sets) SetEqualityResistances(m, d, group);
       if (keeps) groups[count++] = group;
     }
   }

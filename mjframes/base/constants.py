@@ -1,8 +1,8 @@
 """Constants of the precomputation; each carries its unit and its reason."""
 
 KIND = "mjframes soft body"  # what a saved soft body says it is
-BODY_VERSION = 6  # of saved soft bodies
-FORMAT_VERSION = 9  # of what the plugin reads; it refuses any other
+BODY_VERSION = 7  # of saved soft bodies
+FORMAT_VERSION = 10  # of what the plugin reads; it refuses any other
 VOLUME_VERSION = 1  # of saved volumes
 
 RIGID_YOUNG = 1e10  # [Pa] cortical bone: an upper bound of what keeps an affine frame in a rigid material rigid

@@ -23,7 +23,7 @@ from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficienc
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, most_frames, place
 from mjframes.body.options import BuildOptions, Progress
-from mjframes.body.soft_body import ContactSpheres, Skin, SoftBody
+from mjframes.body.soft_body import ContactVertices, Skin, SoftBody
 from mjframes.elasticity.laws import LawParameters
 from mjframes.elasticity.mass import mass_difference
 from mjframes.elasticity.null_modes import hold_null_modes
@@ -83,7 +83,7 @@ def build(options: BuildOptions) -> SoftBody:
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options.contact_radius)
+    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options.contact_reach)
     return SoftBody(
         parent=chosen.tree.parent,
         types=chosen.types,
@@ -218,18 +218,21 @@ def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> F
 
 
 def _surfaces(
-    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_radius: float | None
-) -> tuple[Skin, ContactSpheres, DistanceField]:
+    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_reach: float | None
+) -> tuple[Skin, ContactVertices, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
     surface = kept_surface(volume)
-    spheres = contact_points(surface, volume, contact_radius)
-    weights = shapes.at(grid, spheres.positions)
-    patches = group_patches(spheres.positions, spheres.normals, weights, shapes.control)
-    spheres, weights = spheres.sorted(patches.order), sparse.csr_array(weights[patches.order])
-    field = rest_distance_field(grid, shapes, surface, spheres, patches.patch, weights)
+    vertices = contact_points(surface, float(np.min(volume.spacing)), volume.axes)
+    weights = shapes.at(grid, vertices.positions)
+    patches = group_patches(vertices.positions, vertices.normals @ volume.axes, weights, shapes.control)
+    vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
+    field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
     skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
     pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
-    below = dents(grid, spheres.positions, spheres.normals, frames, pushed, missing)
-    contact = ContactSpheres(spheres.positions, spheres.radius, patches.patch, patches.cluster, weights, below)
+    below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
+    reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
+    contact = ContactVertices(
+        vertices.positions, vertices.normals @ volume.axes, reach, patches.patch, patches.cluster, weights, below
+    )
     return skin, contact, field

@@ -101,17 +101,18 @@ def _check_surfaces(body: SoftBody, k: int) -> None:
     _indices("skin.label", skin.label, (len(skin.faces),), max(body.materials) + 1)
     _require("skin.label", set(np.unique(skin.label).tolist()) <= set(body.materials))
     _control_weights("skin.weights", skin.weights, len(skin.vertices), k)
-    spheres = len(contact.patch)
-    _numbers("contact.centers", contact.centers, (spheres, 3))
-    _require("contact.radius", np.isfinite(contact.radius) and contact.radius > 0)
+    vertices = len(contact.patch)
+    _numbers("contact.positions", contact.positions, (vertices, 3))
+    _numbers("contact.normals", contact.normals, (vertices, 3))
+    _require("contact.reach", np.isfinite(contact.reach) and contact.reach > 0)
     for name, number in (("patch", contact.patch), ("cluster", contact.cluster)):
-        _indices(f"contact.{name}", number, (spheres,), spheres)
-    order = contact.patch * (spheres + 1) + contact.cluster
+        _indices(f"contact.{name}", number, (vertices,), vertices)
+    order = contact.patch * (vertices + 1) + contact.cluster
     _require("contact.patch", bool((np.diff(order) >= 0).all()) and _counts_on(contact.patch))
-    _control_weights("contact.weights", contact.weights, spheres, k)
+    _control_weights("contact.weights", contact.weights, vertices, k)
     for name in ("width", "softness", "thickness"):
-        _numbers(f"contact.dents.{name}", getattr(contact.dents, name), (spheres,), least=0)
-    _indices("contact.dents.material", contact.dents.material, (spheres,), len(body.factor_of))
+        _numbers(f"contact.dents.{name}", getattr(contact.dents, name), (vertices,), least=0)
+    _indices("contact.dents.material", contact.dents.material, (vertices,), len(body.factor_of))
     nodes = len(field.node)
     _require("distance_field.spacing", np.isfinite(field.spacing) and field.spacing > 0)
     _numbers("distance_field.origin", field.origin, (3,))
@@ -122,7 +123,7 @@ def _check_surfaces(body: SoftBody, k: int) -> None:
     _numbers("distance_field.distance", field.distance, (nodes,))
     _indices("distance_field.patch", field.patch, (nodes,), int(contact.patch.max(initial=-1)) + 1)
     _control_weights("distance_field.weights", field.weights, nodes, k)
-    _numbers("distance_field.spheres", field.spheres, (spheres, 3))
+    _numbers("distance_field.vertices", field.vertices, (vertices, 3))
 
 
 def _check_fields(fields: Fields, frames: int, k: int, sizes: Sequence[int]) -> None:

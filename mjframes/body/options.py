@@ -33,7 +33,7 @@ from mjframes.volume.volume import Volume
 from mjframes.weights.kernels import KERNELS, Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
-RADIUS_LIMIT = 10.0  # [voxels] larger contact spheres no longer follow the surface
+REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
 FREEDOM = ", ".join(f"{name} {kind.freedom}" for name, kind in FRAME_TYPES.items())
 
 Progress = Callable[[str], None]
@@ -140,9 +140,14 @@ class BuildOptions:
     damping: tuple[float, float] = field(
         default=(0.0, 0.0), metadata=option("Rayleigh's α [1/s] and β [s]", reads=texts.rates, metavar="ALPHA,BETA")
     )
-    contact_radius: float | None = field(
+    contact_reach: float | None = field(
         default=None,
-        metadata=option("of the contact spheres [m], half a voxel unless given", reads=texts.length, metavar="LENGTH"),
+        metadata=option(
+            "what is higher than the deepest point of a contact by this or more has no share in it [m], half a voxel "
+            "unless given",
+            reads=texts.length,
+            metavar="LENGTH",
+        ),
     )
     seed: int = field(default=0, metadata=option("of the frame placement", reads=texts.seed, metavar="N"))
     progress: Progress | None = field(
@@ -166,7 +171,7 @@ class BuildOptions:
         self._check_method()
         self._check_number_of_frames()
         self._check_damping()
-        self._check_radius(float(RADIUS_LIMIT * np.min(self.volume.spacing)))
+        self._check_reach(float(REACH_LIMIT * np.min(self.volume.spacing)))
         self._check_law(self.volume)
 
     @property
@@ -219,10 +224,10 @@ class BuildOptions:
             raise MjframesError(f"damping is {self.damping!r}; it must be two rates (alpha [1/s], beta [s]), both ≥ 0.")
         object.__setattr__(self, "damping", (alpha, beta))
 
-    def _check_radius(self, most: float) -> None:
-        if self.contact_radius is not None and not 0 < self.contact_radius <= most:
+    def _check_reach(self, most: float) -> None:
+        if self.contact_reach is not None and not 0 < self.contact_reach <= most:
             raise MjframesError(
-                f"contact_radius is {self.contact_radius!r}; it must be positive and at most {RADIUS_LIMIT:g} voxels, "
+                f"contact_reach is {self.contact_reach!r}; it must be positive and at most {REACH_LIMIT:g} voxels, "
                 f"{most:g} m."
             )
 

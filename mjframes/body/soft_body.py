@@ -49,18 +49,20 @@ class Skin:
 
 
 @dataclass(frozen=True, eq=False)
-class ContactSpheres:
-    """Spheres just under the surface, moved by the control points, sorted by patch and cluster.
+class ContactVertices:
+    """Vertices of the surface that touch, moved by the control points, sorted by patch and cluster.
 
-    centers: (s, 3) volume coordinates [m].
-    radius: [m].
+    positions: (s, 3) volume coordinates [m].
+    normals: (s, 3) of the surface there, outward, along the volume's axes.
+    reach: what is higher than the deepest vertex of its cluster by this or more has no share in its contact [m].
     patch: (s,) and cluster: (s,) within it, see `patches`.
     weights: (s, k) control weights W_j(s).
     dents: those that a contact makes there.
     """
 
-    centers: np.ndarray
-    radius: float
+    positions: np.ndarray
+    normals: np.ndarray
+    reach: float
     patch: np.ndarray
     cluster: np.ndarray
     weights: sparse.csr_array
@@ -100,7 +102,7 @@ class SoftBody:
     mass_difference: tuple[np.ndarray, ...] = field(metadata={"symmetric": True})
     mode: str
     skin: Skin
-    contact: ContactSpheres
+    contact: ContactVertices
     distance_field: DistanceField
     damping: tuple[float, float]
     error: BodyError | None

@@ -1,4 +1,4 @@
-"""The patches of a soft body's surface as geoms: contact spheres that the same control points move, one box each."""
+"""The patches of a soft body's surface as geoms: contact vertices that the same control points move, one box each."""
 
 from __future__ import annotations
 
@@ -103,9 +103,9 @@ def _reaches(body: SoftBody, carried: Sequence[Carrier], patches: Sequence[Patch
     inside = field.distance < 0
     reaches: dict[int, float] = {}
     for patch in patches:
-        below = inside & (field.patch == body.contact.patch[patch.spheres[0]])
-        points = np.concatenate([body.contact.centers[patch.spheres], nodes[below]])
-        far = np.linalg.norm(points - carried[patch.carrier].pose[1], axis=1).max() + body.contact.radius
+        below = inside & (field.patch == body.contact.patch[patch.vertices[0]])
+        points = np.concatenate([body.contact.positions[patch.vertices], nodes[below]])
+        far = np.linalg.norm(points - carried[patch.carrier].pose[1], axis=1).max()
         reaches[patch.carrier] = max(reaches.get(patch.carrier, 0.0), float(far))
     return reaches
 

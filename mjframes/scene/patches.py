@@ -13,14 +13,14 @@ from mjframes.scene.carriers import Carrier, carrier_of
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Contact spheres that the same control points move.
+    """Contact vertices that the same control points move.
 
-    spheres: (s,) of the soft body.
+    vertices: (s,) of the soft body.
     points: (p,) that move any of them, with all of their frames: one path of the tree, ancestors first.
     carrier: of the deepest point: below it there is nothing that moves the patch.
     """
 
-    spheres: np.ndarray
+    vertices: np.ndarray
     points: np.ndarray
     carrier: int
 

@@ -50,7 +50,7 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "cell_slope",
     "region_mass",
     "region_enlargement",
-    "contact_radius",
+    "contact_reach",
     "patch_size",
     "patch_clusters",
     "patch_cluster_size",
@@ -70,13 +70,15 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "set_size",
     "set_point",
     "lattice_weight",
-    "lattice_sphere",
+    "lattice_vertex",
+    "lattice_normal",
     "asset",
 )
 TYPES = {"i8": "<i1", "i16": "<i2", "i32": "<i4", "f32": "<f4", "f64": "<f8"}  # of arrays
 SEPARATOR = ":"  # in the names of what belongs to a soft body, and in no name of one
 LARGEST_WEIGHT = np.iinfo(np.int16).max - 1  # of a node of the lattice, in units, before it is rounded
-ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact sphere that is no offset
+LARGEST_NORMAL = 127  # a normal's length as 8 bits say it
+ROUNDING = 1e-9  # [-] of the body's size: an offset of a contact vertex that is no offset
 
 
 def configuration(
@@ -216,23 +218,23 @@ def enlargement(branch: np.ndarray) -> float:
 
 def _contact(body: SoftBody, patches: Sequence[Patch], dents: bool) -> dict[str, str]:
     weights = body.contact.weights.toarray()
-    sizes = [np.bincount(body.contact.cluster[patch.spheres]) for patch in patches]
+    sizes = [np.bincount(body.contact.cluster[patch.vertices]) for patch in patches]
     values = {
-        "contact_radius": repr(body.contact.radius),
+        "contact_reach": repr(body.contact.reach),
         "patch_size": encode([len(patch.points) for patch in patches]),
         "patch_clusters": encode([len(clusters) for clusters in sizes]),
         "patch_cluster_size": encode(np.concatenate(sizes)),
         "patch_point": encode(np.concatenate([patch.points for patch in patches])),
         "patch_weight": encode(
-            np.concatenate([weights[np.ix_(patch.spheres, patch.points)].T.ravel() for patch in patches])
+            np.concatenate([weights[np.ix_(patch.vertices, patch.points)].T.ravel() for patch in patches])
         ),
     }
     if dents:
         values |= _dents(body, patches)
-    offset = body.contact.centers - body.contact.weights @ body.control.rest
-    if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.centers, axis=0).max():
+    offset = body.contact.positions - body.contact.weights @ body.control.rest
+    if np.abs(offset).max() > ROUNDING * np.ptp(body.contact.positions, axis=0).max():
         # the deformed volume is not Σ_j W_j x_j: such a body touches with its vertices only
-        values["patch_offset"] = encode(np.concatenate([offset[patch.spheres].T.ravel() for patch in patches]))
+        values["patch_offset"] = encode(np.concatenate([offset[patch.vertices].T.ravel() for patch in patches]))
         return values
     return values | _distance_field(body, patches)
 
@@ -241,11 +243,11 @@ def _dents(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     """The dents below each cluster: width [m], softness [1/√Pa], thickness [m], and which factor they follow."""
     below, means, first = body.contact.dents, [], []
     for patch in patches:
-        clusters = body.contact.cluster[patch.spheres]
+        clusters = body.contact.cluster[patch.vertices]
         count = np.bincount(clusters)
-        values = (some[patch.spheres] for some in (below.width, below.softness, below.thickness))
+        values = (some[patch.vertices] for some in (below.width, below.softness, below.thickness))
         means.append(np.column_stack([np.bincount(clusters, some) / count for some in values]).ravel())
-        first.append(body.factor_of[below.material[patch.spheres[np.unique(clusters, return_index=True)[1]]]])
+        first.append(body.factor_of[below.material[patch.vertices[np.unique(clusters, return_index=True)[1]]]])
     values = np.concatenate(means).astype(np.float32)
     return {"patch_dent": encode(values), "patch_factor": encode(np.concatenate(first))}
 
@@ -253,7 +255,7 @@ def _dents(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
 def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
     field = body.distance_field
     number = np.empty(len(patches), int)  # of each patch of the body among those of the model
-    number[[body.contact.patch[patch.spheres[0]] for patch in patches]] = np.arange(len(patches))
+    number[[body.contact.patch[patch.vertices[0]] for patch in patches]] = np.arange(len(patches))
     largest = np.abs(field.weights.toarray()).max(axis=1)
     weights = in_units(field.weights, LARGEST_WEIGHT // largest).toarray()
     moved = weights != 0
@@ -271,7 +273,14 @@ def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
         "set_size": encode([len(points) for points in sets]),
         "set_point": encode(np.concatenate(sets)),
         "lattice_weight": encode(weights[moved]),
-        "lattice_sphere": encode(np.concatenate([field.spheres[patch.spheres] for patch in patches], dtype=np.float32)),
+        "lattice_vertex": encode(
+            np.concatenate([field.vertices[patch.vertices] for patch in patches], dtype=np.float32)
+        ),
+        "lattice_normal": encode(
+            np.concatenate([np.rint(LARGEST_NORMAL * body.contact.normals[some.vertices]) for some in patches]).astype(
+                int
+            )
+        ),
     }
 
 

@@ -407,7 +407,7 @@ class Soft:
         """Return the net force of contacts on each frame, shared by the weights there (f, 3), in the world [N].
 
         Their sum is the contact force on the body. A held frame has what the moving ones leave of it; several of them
-        share that by their weights at the nearest contact sphere.
+        share that by their weights at the nearest contact vertex.
         """
         touches = list(forces.touches_of(self.model, self.data, self.patches))
         rows = np.concatenate([np.zeros(0, int), *(touch.rows for touch in touches)])
@@ -421,13 +421,13 @@ class Soft:
 
     def _on_held(self, touches: Sequence[forces.Touch], held: int) -> np.ndarray:
         """Of contacts on the first frames (held, 3), in the world [N]."""
-        spheres, frame = self.body.contact, self.body.control.frame
-        places = spheres.weights @ self.control_positions
+        vertices, frame = self.body.contact, self.body.control.frame
+        places = vertices.weights @ self.control_positions
         total = np.zeros((held, 3))
         for touch in touches:
             moving = self._on_frames(forces.constraint_force(self.model, self.data, touch.rows))[held:].sum(axis=0)
             nearest = int(np.argmin(((places - touch.position) ** 2).sum(axis=1)))
-            share = np.bincount(frame, spheres.weights[[nearest]].toarray()[0])[:held].clip(1e-12)
+            share = np.bincount(frame, vertices.weights[[nearest]].toarray()[0])[:held].clip(1e-12)
             total += np.outer(share / share.sum(), touch.force - moving)
         return total
 

@@ -33,9 +33,9 @@ class DistanceField:
     shape: (3,) nodes along each axis.
     node: (n,) their places in the whole lattice, ascending.
     distance: (n,) φ [m].
-    patch: (n,) the patch whose contact sphere is nearest.
+    patch: (n,) the patch whose contact vertex is nearest.
     weights: (n, k) W_j.
-    spheres: (s, 3) the contact spheres' centres, in cells from the first node.
+    vertices: (s, 3) the contact vertices, in cells from the first node.
     """
 
     spacing: float
@@ -45,20 +45,20 @@ class DistanceField:
     distance: np.ndarray
     patch: np.ndarray
     weights: sparse.csr_array
-    spheres: np.ndarray
+    vertices: np.ndarray
 
 
 def rest_distance_field(
     grid: Grid,
     shapes: ShapeFunctions,
     surface: Surface,
-    spheres: ContactPoints,
+    vertices: ContactPoints,
     patch: np.ndarray,
-    sphere_weights: sparse.csr_array,
+    vertex_weights: sparse.csr_array,
 ) -> DistanceField:
     """Return the field of a soft body, its lattice as fine as its voxels if they are not too many.
 
-    shapes: of the body.  spheres: s contact spheres.  patch: (s,) of each.  sphere_weights: (s, k).
+    shapes: of the body.  vertices: s contact vertices.  patch: (s,) of each.  vertex_weights: (s, k).
     """
     spacing = float(np.min(grid.spacing))
     # the volume grown by the band, roughly, has to hold no more nodes than that
@@ -67,12 +67,12 @@ def rest_distance_field(
         spacing *= GROWTH
     while True:
         first, shape, index, nodes = _candidates(grid, surface, spacing)
+        distance = signed_distance(surface, nodes, spacing)
+        active = distance < BAND * spacing
+        nodes, index, distance = nodes[active], index[active], distance[active]
         if len(index) <= NODES:
             break
         spacing *= GROWTH
-    distance = signed_distance(surface, nodes, spacing)
-    active = distance < BAND * spacing
-    nodes, index, distance = nodes[active], index[active], distance[active]
     node_weights = shapes.at(grid, nodes)
     return DistanceField(
         spacing=spacing,
@@ -80,9 +80,9 @@ def rest_distance_field(
         shape=shape,
         node=index,
         distance=distance,
-        patch=_nearest_patch(nodes, node_weights, spheres.positions, patch, sphere_weights, shapes.control.frame),
+        patch=_nearest_patch(nodes, node_weights, vertices.positions, patch, vertex_weights, shapes.control.frame),
         weights=node_weights,
-        spheres=(spheres.positions @ grid.axes - first) / spacing,
+        vertices=(vertices.positions @ grid.axes - first) / spacing,
     )
 
 
@@ -92,7 +92,9 @@ def _candidates(grid: Grid, surface: Surface, spacing: float) -> tuple[np.ndarra
     """
     corners = surface.vertices @ grid.axes
     low, high = corners.min(axis=0), corners.max(axis=0)
-    first = low - (np.ceil(BAND) + 0.5) * spacing
+    # at corners of voxels if as fine as these: flat sides and their edges are then on nodes, up to where they end
+    corner = grid.origin @ grid.axes
+    first = corner + np.floor((low - corner) / spacing - BAND) * spacing
     shape = np.ceil((high - first) / spacing + BAND + 1).astype(np.int64)
     index = np.arange(np.prod(shape))
     nodes = (first + spacing * np.stack(np.unravel_index(index, shape), axis=1)) @ grid.axes.T
@@ -158,15 +160,15 @@ def _nearest_patch(
     weights: sparse.csr_array,
     centers: np.ndarray,
     patch: np.ndarray,
-    sphere_weights: sparse.csr_array,
+    vertex_weights: sparse.csr_array,
     frame: np.ndarray,
 ) -> np.ndarray:
-    """(n,) the patch of the nearest contact sphere; of the nearest eight the first whose points move the node.
+    """(n,) the patch of the nearest contact vertex; of the nearest eight the first whose points move the node.
 
-    centers (s, 3), patch (s,) and sphere_weights (s, k) of the spheres; frame (k,) of the control points.
+    centers (s, 3), patch (s,) and vertex_weights (s, k) of the vertices; frame (k,) of the control points.
     """
     moved_by = np.zeros((patch.max() + 1, frame.max() + 1))
-    entries = sphere_weights.tocoo()
+    entries = vertex_weights.tocoo()
     moved_by[patch[entries.row], frame[entries.col]] = 1
     share = np.zeros((len(nodes), frame.max() + 1))
     entries = weights.tocoo()

@@ -1,7 +1,8 @@
 """The closed surface of a volume, one skin a material (the paper, §5.4).
 
-The isosurface {G ∗ 1_inside = ½} of the Gaussian-smoothed voxels, oriented outwards, moved along its normals so that it
-encloses the volume of the voxels, and cut where two smoothed material indicators G ∗ 1_a and G ∗ 1_b are equal.
+The surface net of the voxels (`net.py`), flat where they are, decimated, moved along its normals where it is not flat
+so that it encloses the volume of the voxels, and cut where two smoothed material indicators G ∗ 1_a and G ∗ 1_b are
+equal.
 """
 
 from __future__ import annotations
@@ -11,18 +12,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.measure import marching_cubes
+from scipy.spatial import KDTree
 
 from mjframes.base.cache import cached
 from mjframes.base.errors import MjframesError
 from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
+from mjframes.surface.net import Net, surface_net
 from mjframes.surface.seams import cut_seams
-from mjframes.surface.smoothing import SMOOTHING, inside_field
+from mjframes.surface.smoothing import SMOOTHING
 from mjframes.volume.volume import Volume
 
 OFFSETS = 4  # Newton steps of the enclosed volume: each squares the error, a tenth at the start
 MARGIN = 2  # [voxels] of empty space around the volume, for the surface to close
+IN_PLANE = 1e-6  # [voxels] rounding of the decimation, which keeps planes
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +57,10 @@ def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
     spacing = np.asarray(volume.spacing, dtype=np.float64)
     box = ndimage.find_objects((volume.labels > 0).astype(np.int8))[0]
     labels = np.pad(volume.labels[box], MARGIN)
-    index, faces, *_ = marching_cubes(inside_field(labels > 0), 0.5, allow_degenerate=False)
-    vertices, faces = decimate(index * spacing, faces, target_vertices)
-    faces = faces[:, ::-1] if _mesh(vertices, faces).volume < 0 else faces
-    vertices = _conserve_volume(vertices, faces, np.count_nonzero(labels) * float(np.prod(spacing)))
+    net = surface_net(labels > 0)
+    vertices, faces = decimate(net.vertices * spacing, net.faces, target_vertices)
+    mobile = ~_fixed(net, vertices / spacing)
+    vertices = _conserve_volume(vertices, faces, mobile, np.count_nonzero(labels) * float(np.prod(spacing)))
     materials, indicator = _material_indicators(labels, vertices / spacing)
     vertices, faces, label = cut_seams(vertices, faces, indicator)
     corner = np.array([s.start for s in box]) - MARGIN + 0.5  # index 0 of the padded array is the centre of a voxel
@@ -71,11 +74,24 @@ def kept_surface(volume: Volume) -> Surface:
     return Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
 
 
-def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, target: float) -> np.ndarray:
-    """Move the surface along its normals until it encloses `target` [m³]: smoothing and decimation cut corners."""
+def _fixed(net: Net, vertices: np.ndarray) -> np.ndarray:
+    """(s, 3) the axes along which vertices of the decimated net, in voxels, are still in the plane of a flat side."""
+    near = KDTree(net.vertices).query(vertices)[1]
+    plane = np.round(vertices + 0.5) - 0.5
+    return net.fixed[near] & (np.abs(vertices - plane) < IN_PLANE)
+
+
+def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, mobile: np.ndarray, target: float) -> np.ndarray:
+    """Move vertices along their normals, and the axes along which they are mobile (s, 3), until the surface encloses
+    `target` [m³]: smoothing and decimation cut corners.
+    """
     for _ in range(OFFSETS):
         mesh = _mesh(vertices, faces)
-        vertices = vertices + (target - mesh.volume) / mesh.area * mesh.vertex_normals
+        way = np.where(mobile, mesh.vertex_normals, 0)
+        area = np.einsum("tc,tic->", mesh.face_normals * mesh.area_faces[:, None], way[faces]) / 3
+        if not area > 0:
+            return vertices
+        vertices = vertices + (target - mesh.volume) / area * way
     return vertices
 
 

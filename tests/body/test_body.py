@@ -48,7 +48,7 @@ def test_masses_add_up_to_the_volumes(make) -> None:
 @pytest.mark.parametrize("make", [lump, beam])
 def test_surfaces_hang_on_the_control_points(make) -> None:
     body: SoftBody = make()
-    for weights, points in ((body.skin.weights, body.skin.vertices), (body.contact.weights, body.contact.centers)):
+    for weights, points in ((body.skin.weights, body.skin.vertices), (body.contact.weights, body.contact.positions)):
         np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
         np.testing.assert_allclose(weights @ body.control.rest, points, atol=1e-12)
 
@@ -60,13 +60,13 @@ def test_frames_are_numbered_parents_first() -> None:
         assert np.all(body.parent[1:] >= 0)
 
 
-def test_contact_spheres_are_sorted_by_patch_and_cluster() -> None:
+def test_contact_vertices_are_sorted_by_patch_and_cluster() -> None:
     contact = lump().contact
     key = contact.patch * 100 + contact.cluster
     assert np.all(np.diff(key) >= 0)
     # sorted together with their centres and weights: see test_surfaces_hang_on_the_control_points
-    assert contact.radius == pytest.approx(mixed().spacing.min() / 2)
-    assert build(mixed(), 2, contact_radius=0.003).contact.radius == 0.003
+    assert contact.reach == pytest.approx(mixed().spacing.min() / 2)
+    assert build(mixed(), 2, contact_reach=0.003).contact.reach == 0.003
 
 
 def test_the_same_build_gives_the_same_bits() -> None:

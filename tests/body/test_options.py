@@ -53,7 +53,7 @@ def test_each_option_of_the_command_line_arrives(name: str) -> None:
 def test_choices_have_options_of_their_own() -> None:
     assert parsed("--method", "paper", "--samples", "4")["method"] == Paper(4)
     assert parsed("--subdivisions", "3")["weights"] == mf.Voronoi(3)
-    assert parsed("--metric", "compliance", "--contact-radius", "2mm")["contact_radius"] == 0.002
+    assert parsed("--metric", "compliance", "--contact-reach", "2mm")["contact_reach"] == 0.002
     with pytest.raises(MjframesError, match=r"^--samples is given, but only --method paper has any; leave it out"):
         parsed("--samples", "4")
     with pytest.raises(MjframesError, match=r"^--subdivisions is given, but only --weights voronoi has any"):
@@ -68,7 +68,7 @@ def test_choices_have_options_of_their_own() -> None:
         ({"mode": None}, r"^mode is None; it must be one of 'implicit', 'explicit'\."),
         ({"law": "hooke"}, r"^law is 'hooke'; it must be one of 'corotational', 'green_lagrange',"),
         ({"frames": 2, "error": 0.1}, "^more than one of frames, at and error is given"),
-        ({"contact_radius": 1.0}, r"^contact_radius is 1\.0; it must be positive and at most 10 voxels"),
+        ({"contact_reach": 1.0}, r"^contact_reach is 1\.0; it must be positive and at most 10 voxels"),
     ],
 )
 def test_a_wrong_option_is_named_before_anything_runs(wrong: dict[str, Any], message: str) -> None:

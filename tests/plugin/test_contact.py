@@ -193,18 +193,18 @@ class Touch(NamedTuple):
 
 
 def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> list[Touch]:
-    """What the plugin has to find, in its order: shares fall to zero one contact radius above the deepest vertex."""
+    """What the plugin has to find, in its order: shares fall to zero one reach above the deepest vertex."""
     view = soft(model, data, "soft0")
     geom = model.geom("obstacle").id
     axes, origin = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
-    radius = float(view.configuration["contact_radius"])
+    reach = float(view.configuration["contact_reach"])
     holder = data.body("soft0").xmat.reshape(3, 3)
     found = []
     for cluster in clusters(model, view):
         vertices = cluster.weights @ view.control_positions + cluster.offset @ holder.T
         local = (vertices - origin) @ axes
-        gap = obstacle.distance(local) - radius
-        share = np.maximum(0, 1 - (gap - gap.min()) / radius) ** 2
+        gap = obstacle.distance(local)
+        share = np.maximum(0, 1 - (gap - gap.min()) / reach) ** 2
         share /= share.sum()
         step = 1e-6 * np.eye(3)[:, None]
         gradient = (obstacle.distance(local + step) - obstacle.distance(local - step)) / 2e-6
@@ -243,14 +243,13 @@ def pairs(
 @pytest.mark.parametrize("depth", [0.0, 0.015], ids=["touching", "deep inside"])
 def test_contacts_are_the_pressure_centres_of_the_clusters(obstacle: Obstacle, depth: float) -> None:
     model, data = touching(obstacle, depth=depth)
-    radius = float(soft(model, data, "soft0").configuration["contact_radius"])
     expected = touches(model, data, obstacle)
     for contact, touch in pairs(model, data, expected)[0]:
         sign = 1 if contact.geom[1] == touch.geom else -1  # MuJoCo's normals point from the first geom to the second
         assert touch.geom in contact.geom
         assert contact.dist == pytest.approx(touch.distance, abs=1e-9)
         np.testing.assert_allclose(sign * contact.frame[:3], touch.normal, atol=1e-6)
-        surface = touch.centre - (radius + touch.distance / 2) * touch.normal
+        surface = touch.centre - touch.distance / 2 * touch.normal
         np.testing.assert_allclose(contact.pos, surface, atol=1e-7)
 
 

@@ -62,8 +62,7 @@ def test_features_are_caught_wherever_they_come_down(shape: str) -> None:
     model, data = compiled(scene, (slab(), (0, 0, 0), (1, 0, 0, 0)))
     rng = np.random.default_rng(0)
     place = model.joint(int(model.body("obstacle").jntadr[0])).qposadr[0]
-    top = soft(model, data, "soft0").configuration
-    radius = float(top["contact_radius"])
+    reach = float(soft(model, data, "soft0").configuration["contact_reach"])
     mujoco.mj_forward(model, data)
     height = data.qpos[place + 2] - lowest(model, data)
     for x, y in rng.uniform(0.05, 0.15, (40, 2)):
@@ -74,7 +73,7 @@ def test_features_are_caught_wherever_they_come_down(shape: str) -> None:
             sign = np.array([1 if c.geom[1] == model.geom("obstacle").id else -1 for c in data.contact])
             up = np.array([c.frame[2] for c in data.contact]) * sign
             deepest = min((c.dist for c, out in zip(data.contact, up, strict=True) if out > 0.95), default=np.inf)
-            assert deepest == pytest.approx(-depth, abs=0.4 * radius)  # with the way out
+            assert deepest == pytest.approx(-depth, abs=0.4 * reach)  # with the way out
 
 
 @pytest.mark.parametrize("speed", [1, 3, 10])
@@ -100,11 +99,11 @@ def test_lattice_knows_the_rest_shape() -> None:
     at = lattice.origin + lattice.spacing * node
     np.testing.assert_allclose(lattice.weights @ body.control.rest, at, atol=1e-12)  # at rest all is where it is
     np.testing.assert_allclose(lattice.weights.sum(axis=1), 1, atol=1e-12)
-    spheres = lattice.origin + lattice.spacing * lattice.spheres
-    np.testing.assert_allclose(spheres, body.contact.centers, atol=1e-12)
+    vertices = lattice.origin + lattice.spacing * lattice.vertices
+    np.testing.assert_allclose(vertices, body.contact.positions, atol=1e-12)
     surface = Surface(body.skin.vertices, body.skin.faces, body.skin.label)
-    exact = signed_distance(surface, body.contact.centers, lattice.spacing)
-    np.testing.assert_allclose(exact, -body.contact.radius, atol=0.1 * body.contact.radius)
+    exact = signed_distance(surface, body.contact.positions, lattice.spacing)
+    np.testing.assert_allclose(exact, 0, atol=1e-12)
 
 
 def test_a_ball_and_its_distance() -> None:

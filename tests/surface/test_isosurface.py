@@ -82,7 +82,9 @@ def test_a_short_neck_holds_and_a_single_step_is_smoothed() -> None:
     labels[:10], labels[12:], labels[10:12, 4, 4] = 1, 1, 1
     surface = extract_surface(make_volume(labels))
     size = len(surface.vertices)
-    links = csr_array((np.ones(len(surface.faces)), (surface.faces[:, 0], surface.faces[:, 1])), shape=(size, size))
+    links = csr_array(
+        (np.ones(surface.faces.size), (surface.faces.ravel(), np.roll(surface.faces, 1, 1).ravel())), (size, size)
+    )
     assert connected_components(links, directed=False)[0] == 1
 
     labels = np.ones((12, 12, 6), int)
@@ -93,7 +95,7 @@ def test_a_short_neck_holds_and_a_single_step_is_smoothed() -> None:
 
 
 def test_decimation_is_uniform_and_faithful() -> None:
-    volume = make_volume(ball(40), spacing=0.001)
+    volume = make_volume(ball(56), spacing=0.001)  # the net starts with edges of a voxel
     fine, coarse = extract_surface(volume, 100_000), extract_surface(volume, 600)
     assert len(coarse.vertices) == pytest.approx(600, rel=0.05)
     assert len(fine.vertices) > 4000
@@ -125,8 +127,9 @@ def test_decimation_turns_no_triangle_over(labels: np.ndarray, targets: tuple[in
         coarse = extract_surface(volume, target)
         a, b, c = coarse.vertices[coarse.faces].transpose(1, 0, 2)
         normal = np.cross(b - a, c - a)
-        nearest = fine.mesh.vertex_normals[KDTree(fine.vertices).query((a + b + c) / 3)[1]]
-        assert np.einsum("tc,tc->t", normal, nearest).min() > 0
+        # of those nearby: beside a sharp edge the nearest one may be round the corner
+        near = KDTree(fine.mesh.triangles_center).query((a + b + c) / 3, k=8)[1]
+        assert np.einsum("tc,tkc->tk", normal, fine.mesh.face_normals[near]).max(axis=1).min() > 0
 
 
 @pytest.mark.parametrize("slices", [2, 3])
@@ -148,23 +151,18 @@ def test_seams_are_smooth_and_their_materials_right(slices: int) -> None:
     assert np.abs(seam[:, :2] @ [-np.sin(angle), np.cos(angle)]).std() < 0.00025
 
 
-def test_contact_spheres_touch_the_surface_from_inside() -> None:
-    volume = make_volume(ball(30), spacing=0.002)
-    surface = extract_surface(volume)
-    points = contact_points(surface, volume, count=200)
-    assert points.radius == 0.001
+def test_contact_points_are_on_the_surface() -> None:
+    surface = extract_surface(make_volume(ball(30), spacing=0.002))
+    points = contact_points(surface, count=200)
     assert len(points.positions) == 200
-    depth = KDTree(extract_surface(volume, 100_000).vertices).query(points.positions)[0]
-    assert depth == pytest.approx(points.radius, abs=0.0004)
-    centre = surface.vertices.mean(axis=0)
-    assert (np.linalg.norm(points.positions - centre, axis=1) < 0.028).all()
+    assert KDTree(surface.vertices).query(points.positions)[0].max() == 0
     assert (np.sort(points.rank) == np.arange(200)).all()
 
 
 def test_contact_points_cover_by_rank_and_take_the_corners_first() -> None:
     volume = make_volume(np.ones((20, 16, 3), int), spacing=0.002)
     surface = extract_surface(volume)
-    points = contact_points(surface, volume, count=300)
+    points = contact_points(surface, count=300)
     order = points.positions[np.argsort(points.rank)]
     holes = [KDTree(order[:n]).query(surface.vertices)[0].max() for n in (8, 40, 300)]
     assert holes[2] < 0.005
@@ -179,17 +177,15 @@ def test_contact_points_cover_by_rank_and_take_the_corners_first() -> None:
 def test_contact_points_see_both_sides_of_a_thin_plate() -> None:
     volume = make_volume(np.ones((30, 30, 1), int), spacing=0.002)
     surface = extract_surface(volume)
-    points = contact_points(surface, volume, radius=1e-4, count=100)
+    points = contact_points(surface, count=100)
     for side in (-1, 1):
         here, there = (side * (p[:, 2] - 0.301) > 0 for p in (points.positions, surface.vertices))
         assert KDTree(points.positions[here]).query(surface.vertices[there])[0].max() < 0.0095
 
 
-@pytest.mark.parametrize(("keys", "name"), [({"radius": 0.0}, "radius"), ({"count": 0}, "count")])
-def test_contact_points_refuse(keys: dict, name: str) -> None:
-    volume = make_volume(np.ones((4, 4, 4), int))
-    with pytest.raises(MjframesError, match=name):
-        contact_points(extract_surface(volume), volume, **keys)
+def test_contact_points_refuse() -> None:
+    with pytest.raises(MjframesError, match="count"):
+        contact_points(extract_surface(make_volume(np.ones((4, 4, 4), int))), count=0)
 
 
 def two_frames() -> tuple[Volume, csr_array, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Patches and clusters of contact spheres."""
+"""Patches and clusters of contact vertices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def control(frames: int) -> ControlPoints:
 
 
 @pytest.fixture
-def spheres() -> tuple[np.ndarray, np.ndarray, sparse.csr_array]:
+def vertices() -> tuple[np.ndarray, np.ndarray, sparse.csr_array]:
     """300 random ones: centers, normals, weights on the points of one or two of four frames."""
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(300, 3))
@@ -35,16 +35,16 @@ def members(patches: Patches, patch: int) -> np.ndarray:
     return patches.order[patches.patch == patch]
 
 
-def test_every_sphere_is_in_one_patch(spheres) -> None:
-    centers, normals, weights = spheres
+def test_every_vertex_is_in_one_patch(vertices) -> None:
+    centers, normals, weights = vertices
     patches = group_patches(centers, normals, weights, control(4))
     assert sorted(patches.order) == list(range(300))
     assert np.array_equal(np.unique(patches.patch), np.arange(patches.patch.max() + 1))
     assert np.all(np.diff(100 * patches.patch + patches.cluster) >= 0)
 
 
-def test_a_patch_has_one_deepest_frame_and_faces_one_way(spheres) -> None:
-    centers, normals, weights = spheres
+def test_a_patch_has_one_deepest_frame_and_faces_one_way(vertices) -> None:
+    centers, normals, weights = vertices
     patches = group_patches(centers, normals, weights, control(4))
     deepest = np.array([weights[[s]].indices.max() // 4 for s in range(300)])
     axis = np.abs(normals).argmax(axis=1)
@@ -56,7 +56,7 @@ def test_a_patch_has_one_deepest_frame_and_faces_one_way(spheres) -> None:
         assert np.sum(joined >= FEW) <= 1  # others are too few for a patch
 
 
-def test_few_spheres_join_the_next_smallest_patch_of_their_frame() -> None:
+def test_few_vertices_join_the_next_smallest_patch_of_their_frame() -> None:
     counts = [40, 30, 3, 7, 12, 1]  # facing −x, +x, −y, +y, −z, +z
     facing = np.repeat(np.arange(6), counts)
     normals = np.zeros((len(facing), 3))
@@ -86,8 +86,8 @@ def test_a_small_frame_keeps_faces_that_are_alike() -> None:
     assert np.bincount(patches.patch).tolist() == counts
 
 
-def test_patches_are_in_the_order_of_their_bodies(spheres) -> None:
-    centers, normals, weights = spheres
+def test_patches_are_in_the_order_of_their_bodies(vertices) -> None:
+    centers, normals, weights = vertices
     patches = group_patches(centers, normals, weights, control(4))
     deepest = [weights[[s]].indices.max() // 4 for s in patches.order]
     assert np.all(np.diff(deepest) >= 0)
