@@ -121,6 +121,7 @@ inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turn
 // 0.41.
 inline constexpr double kTrust = 0.05, kNoTrust = 0.25;
 inline constexpr double kFlatSide = 0.99;  // [-] length of the mean of a cluster's unit normals, where it is flat
+inline constexpr double kLies = 2;         // [-] a flat cluster lies on something if it touches with half of it
 inline constexpr double kCornerTop =
     0.04;                               // [reach], a fiftieth of a voxel: a corner as high above the rest bears nothing
 inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more

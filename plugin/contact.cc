@@ -225,7 +225,7 @@ void InstallCollisionHook() {
   }
 }
 
-void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, ContactDents* dents) {
+void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, ContactDents* dents, double* lies) {
   TouchScratch touch;
   Touch found[kMaxTouches];
   SoftSide side[2];
@@ -234,6 +234,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (dents) dents[c] = {};
+    if (lies) lies[c] = 0;
     if (contact.efc_address < 0) continue;
     if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
       for (int s = 0; s < 2; s++) {
@@ -268,6 +269,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
     WriteContact(m, d, contact, side, scratch,
                  [&](int s, double* weight) { AddTouchWeights(side, found[same], touch, s, weight); });
     if (dents) dents[c] = TouchDents(side, found[same]);
+    if (lies) lies[c] = found[same].lies;
     next = same + 1;
   }
 }

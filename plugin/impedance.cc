@@ -68,21 +68,22 @@ int RowsTogether(const mjModel* m, const mjData* d, int i) {
   return type == mjEQ_CONNECT || type == mjEQ_WELD ? 3 : 1;
 }
 
-void SetContactResistances(const mjModel* m, mjData* d, int row) {
-  const mjContact& contact = d->contact[d->efc_id[row]];
-  if (contact.geom[0] < 0 || contact.geom[1] < 0) return;
-  const double assumed = AssumedInverse(m, d, contact);
-  const double actual = InverseMass(m, d, contact.geom[0]) + InverseMass(m, d, contact.geom[1]);
-  if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
-  for (int i = row, end = row + RowCount(m, contact); i < end; i++) {
-    SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
-  }
-}
-
-void SetEqualityResistances(const mjModel* m, mjData* d, const RowGroup& group) {
+void SetResistances(const mjModel* m, mjData* d, const double* lies, const RowGroup& group) {
   const int first = group.row, count = RowsTogether(m, d, first);
   Lanes product[kLanes];
   MultiplyGroups(m, group, group, product);
+  if (IsContact(d, first)) {
+    const mjContact& contact = d->contact[d->efc_id[first]];
+    const double assumed = AssumedInverse(m, d, contact);
+    // the normal is the mean of a pyramid's first two edges, or the first row
+    double actual = IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
+    if (const double flat = lies ? lies[d->efc_id[first]] : 0; flat > 0) {
+      actual += flat * (InverseMass(m, d, contact.geom[0]) + InverseMass(m, d, contact.geom[1]) - actual);
+    }
+    if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
+    for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
+    return;
+  }
   double sum = 0;
   for (int r = 0; r < count; r++) sum += product[r][r];
   const double length = RowLength(m, d, first), actual = sum / (count * length * length);

@@ -1,9 +1,9 @@
-// R of constraint rows.
+// R of constraint rows, for the effective inertia A in d->M.
 //
 // R is (1 − imp)/imp times the inverse inertia that a row sees. MuJoCo took that of bodies without elasticity before
-// the plugin added to d->M: soft bodies would hang and stand as deep as their single points of mass would. Of a contact
-// it is 1/m of each side, a soft body being one piece: so R depends neither on the time step nor on where it touches,
-// and a body stands level. Of equality constraints it is J A⁻¹ Jᵀ, A the inertia in d->M.
+// the plugin added to d->M; here it is J A⁻¹ Jᵀ. Without that soft bodies hang and stand as deep as their single points
+// of mass would. A contact that lies flat sees 1/m of both sides instead, as MuJoCo's rigid bodies do: so it is as soft
+// at every place and time step, and a body stands level.
 
 #ifndef MJFRAMES_PLUGIN_IMPEDANCE_H_
 #define MJFRAMES_PLUGIN_IMPEDANCE_H_
@@ -26,12 +26,9 @@ int RowCount(const mjModel* m, const mjContact& contact);
 // How many rows from row i on have one R: all of a contact, and those of one direction in space.
 int RowsTogether(const mjModel* m, const mjData* d, int i);
 
-// Sets R of the contact whose first row that is. Done again it gives the same.
-void SetContactResistances(const mjModel* m, mjData* d, int row);
-
-// Sets R of the rows that belong together with those of the group, which starts at the first of them; none is a
-// contact's. Done again it gives the same.
-void SetEqualityResistances(const mjModel* m, mjData* d, const RowGroup& group);
+// Sets R of the rows that belong together with those of the group, which starts at the first of them. lies: of each
+// contact, whether it lies flat (touch.h); null if none does. Done again it gives the same.
+void SetResistances(const mjModel* m, mjData* d, const double* lies, const RowGroup& group);
 
 }  // namespace mjframes
 

@@ -21,9 +21,10 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
 }
 
 // Distance of a point from the surface, and the normal by which it leaves the body; false midway between two sides.
-// facing: which way its own surface faces; inwards: the way into its own body, in this one's lattice. From there its way
-// out is looked for, if that is where its own surface faces: at its own place, where two surfaces lie on each other up to
-// an edge, the nearest one may be round the edge. Where this body has an edge, the normal is that of the point's own side.
+// facing: which way its own surface faces; inwards: the way into its own body, in this one's lattice. From there its
+// way out is looked for, if that is where its own surface faces: at its own place, where two surfaces lie on each other
+// up to an edge, the nearest one may be round the edge. Where this body has an edge, the normal is that of the point's
+// own side.
 bool WayOut(const DeformedPatch& body, const MetPoint& point, const Vec3& facing, const Vec3& inwards,
             DeformedPatch::Cube* cube, double* distance, Vec3* normal) {
   Vec3 surface;
@@ -201,7 +202,8 @@ void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int 
     *trail = {true, at, p, trail->start, there, trail->apart};
     MetPoint met = sought;
     met.xi = at;
-    const Vec3 facing = found == Result::kFound && owner ? owner->state_->Deformed(patch).VertexNormal(sought.number) : Vec3{};
+    const Vec3 facing =
+        found == Result::kFound && owner ? owner->state_->Deformed(patch).VertexNormal(sought.number) : Vec3{};
     const Vec3 inwards = owner ? -owner->contact_.reach * Mul(there, facing) : Vec3{};
     if (found == Result::kFound) Meet(met, facing, inwards, &cube, sink);
   }
@@ -242,27 +244,30 @@ void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwar
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
   const bool there = WayOut(state_->Deformed(kAllPatches), found, facing, inwards, cube, &distance, &normal);
-  for (int corner = 0; corner < 8 && sink->count < sink->most; corner++) {
-    const int patch = contact_.field.patch[nodes[corner]];
-    const auto same = [&](int node) { return contact_.field.patch[node] == patch; };
-    if (std::any_of(nodes, nodes + corner, same)) continue;
-    MetPoint& met = sink->out[sink->count];
-    met = found;
-    met.patch = patch;
-    const PatchVolume& volume = contact_.patches[patch].volume;
-    const bool elsewhere = !volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes));  // its rows see it
-    if (elsewhere ? !state_->Deformed(patch).Find(met.place, true, &met.xi)
-                  : !there || !contact_.field.IsNearest(nodes, fraction, patch)) {
-      continue;
+  const int before = sink->count;
+  // Patches whose rows see less than all of the body may each take it for the other's: then it is the nearest one's.
+  for (const bool strict : {true, false}) {
+    for (int corner = 0; corner < 8 && sink->count < sink->most; corner++) {
+      const int patch = contact_.field.patch[nodes[corner]];
+      const auto same = [&](int node) { return contact_.field.patch[node] == patch; };
+      if (std::any_of(nodes, nodes + corner, same)) continue;
+      MetPoint& met = sink->out[sink->count];
+      met = found;
+      met.patch = patch;
+      const PatchVolume& volume = contact_.patches[patch].volume;
+      const bool elsewhere = !volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes));  // its rows see it
+      if ((!elsewhere || !strict) && !contact_.field.IsNearest(nodes, fraction, patch)) continue;
+      if (elsewhere ? !state_->Deformed(patch).Find(met.place, strict, &met.xi) : !there) continue;
+      met.distance = distance;
+      met.normal = normal;
+      if (!there) {
+        DeformedPatch::Cube around;
+        if (!WayOut(state_->Deformed(patch), met, facing, inwards, &around, &met.distance, &met.normal)) continue;
+      }
+      // one that would leave the way its own surface faces is beyond the middle, and would draw its body further in
+      sink->count += met.distance > 0 || !(Dot(facing, met.normal) > kOutward);
     }
-    met.distance = distance;
-    met.normal = normal;
-    if (!there) {
-      DeformedPatch::Cube around;
-      if (!WayOut(state_->Deformed(patch), met, facing, inwards, &around, &met.distance, &met.normal)) continue;
-    }
-    // one that would leave the way its own surface faces is beyond the middle, and would draw its body further in
-    sink->count += met.distance > 0 || !(Dot(facing, met.normal) > kOutward);
+    if (sink->count > before) return;
   }
 }
 

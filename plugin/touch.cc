@@ -43,9 +43,10 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
   }
 }
 
-// Distance of the pressure centre, and of the deepest and the first of the vertices; mjMAXVAL where nothing is near [m].
+// Distance of the pressure centre, and of the deepest and the first of the vertices; mjMAXVAL where nothing is near
+// [m]. total: Σ a_s before it was divided out.
 struct Shared {
-  double distance, deepest, first;
+  double distance, deepest, first, total;
 };
 
 // Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
@@ -54,7 +55,7 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   const double deepest = ExtremesOf(distance + begin, end - begin).least, first = distance[begin];
   if (deepest == mjMAXVAL) {
     std::fill(distance + begin, distance + end, 0.0);
-    return {mjMAXVAL, mjMAXVAL, first};
+    return {mjMAXVAL, mjMAXVAL, first, 0};
   }
   if (dents) reach = std::max(reach, -kDentEdge * deepest);
   double total = 0, mean = 0;
@@ -72,7 +73,7 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   for (int s = begin; s < end; s++) {
     if (distance[s] > 0) distance[s] /= total;
   }
-  return {mean / total, deepest, first};
+  return {mean / total, deepest, first, total};
 }
 
 // Makes a direction, a place and a variance of the sums over what touches, balls of that radius. square: of their
@@ -90,13 +91,16 @@ bool Settle(double radius, double square, Touch* touch) {
 // Where flat lies on flat, any distribution of the force over a cluster holds it up: the contact goes to the corner,
 // the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
 // pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
-// where it is as deep, 0 from `top` on. corner: where that is, first: its distance [m].
-void MoveToCorner(const PatchVolume& volume, int cluster, double reach, const Vec3& corner, double first, double* share,
+// where it is as deep, 0 from `top` on. corner: where that is [m].
+void MoveToCorner(const Patch& patch, double reach, const Shared& shared, const Vec3& corner, double* share,
                   Touch* touch) {
-  if (volume.facing.empty() || !(Norm(volume.facing[cluster]) > kFlatSide)) return;
-  const double top = kCornerTop * reach, higher = std::min(first - touch->distance, top);
+  const std::vector<Vec3>& facing = patch.volume.facing;
+  if (facing.empty() || !(Norm(facing[patch.ClusterOf(touch->begin)]) > kFlatSide)) return;
+  touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
+  if (!patch.dent.empty()) return;
+  const double top = kCornerTop * reach, higher = std::min(shared.first - touch->distance, top);
   const double moved = higher > 0 ? 1 - higher / top : 1;
-  const Vec3 place = corner - 0.5 * first * touch->normal;
+  const Vec3 place = corner - 0.5 * shared.first * touch->normal;
   if (moved > 0) touch->position = (1 - moved) * touch->position + moved * place;
   touch->distance += higher > 0 ? higher - 0.5 * higher * higher / top : higher;
   for (int s = touch->begin; s < touch->end; s++) share[s] *= 1 - moved;
@@ -132,15 +136,14 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
   const int n = patch.vertices;
   const double* vertices = soft.state->Vertices(soft.number);
   double* share = scratch->share[side];
-  int end = 0, count = 0, cluster = 0;
+  int end = 0, count = 0;
   for (const int size : patch.cluster) {
     const int begin = end;
     end += size;
     other.Distances(vertices, n, begin, end, share);
     const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-    Touch touch = {shared.distance, {}, {}, side, begin, end, 0, {}};
+    Touch touch = {shared.distance, {}, {}, side, begin, end, 0, 0, {}};
     double square = 0;
-    const int number = cluster++;
     if (!(shared.deepest < margin)) continue;
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
@@ -151,9 +154,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     }
     if (!Settle(0, square, &touch) || LiesAlong(soft.state, soft.number, begin, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
-    if (patch.dent.empty()) {
-      MoveToCorner(patch.volume, number, reach, Vertex(vertices, n, begin), shared.first, share, &touch);
-    }
+    MoveToCorner(patch, reach, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < margin) out[count++] = touch;
   }
   return count;
@@ -174,11 +175,24 @@ Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, c
   return p;
 }
 
+// Whether p is under the patch for all of the body; the patch's own rows may take it for another's (meetings.cc).
+bool IsUnder(const Placed& soft, const Vec3& p, Vec3 xi) {
+  const DeformedPatch all = soft.state->Deformed(kAllPatches);
+  const DistanceField& field = all.contact().field;
+  int nodes[8];
+  Vec3 fraction;
+  return soft.pose.box.Contains(p, soft.room) && all.Find(p, false, &xi) && field.CubeAt(xi, nodes, &fraction) &&
+         field.IsNearest(nodes, fraction, soft.number);
+}
+
 // Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
 int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
   const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
-  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, 0, {}};
-  if (!soft.Distance(touch.position, true, &touch.xi, &touch.distance, &touch.normal)) return 0;
+  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, 0, 0, {}};
+  const auto distance = [&](bool own) {
+    return soft.Distance(touch.position, own, &touch.xi, &touch.distance, &touch.normal);
+  };
+  if (!distance(true) && !(IsUnder(soft, touch.position, touch.xi) && distance(false))) return 0;
   if (!(touch.distance < margin) || !Settle(0, 0, &touch)) return 0;
   *out = touch;
   return 1;
@@ -202,7 +216,7 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
     if (size == 0) continue;
     const double distance = ShareOut(share, 0, size, reach, dents).distance;
     if (!(distance < margin)) continue;
-    Touch touch = {distance, {}, {}, -1, 0, 0, 0, {}};
+    Touch touch = {distance, {}, {}, -1, 0, 0, 0, 0, {}};
     double square = 0;
     for (int i = 0; i < size; i++) {
       touch.position = touch.position + share[i] * near[i]->place;
@@ -225,7 +239,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
   double* share = scratch->share[side];
   const MetPoint* of_vertex[kMaxPatchVertices];
   const MetPoint *met = found.first, *last = found.first + found.count;
-  int begin = 0, count = 0, cluster = 0;
+  int begin = 0, count = 0;
   for (const int size : patch.cluster) {
     const int end = begin + size;
     bool near = false;
@@ -239,7 +253,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
     }
     if (near) {
       const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-      Touch touch = {shared.distance, {}, {}, side, begin, end, 0, {}};
+      Touch touch = {shared.distance, {}, {}, side, begin, end, 0, 0, {}};
       double square = 0;
       for (int s = begin; s < end && shared.deepest < margin; s++) {
         if (share[s] == 0) continue;
@@ -249,15 +263,12 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
       }
       const bool touches = shared.deepest < margin && Settle(0, square, &touch);
       if (touches && !LiesAlong(own.body->contact().state(), own.patch, begin, touch.normal)) {
-        if (patch.dent.empty()) {
-          const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
-          MoveToCorner(patch.volume, cluster, reach, corner, shared.first, share, &touch);
-        }
+        const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
+        MoveToCorner(patch, reach, shared, corner, share, &touch);
         if (touch.distance < margin) out[count++] = touch;
       }
     }
     begin = end;
-    cluster++;
   }
   return count;
 }

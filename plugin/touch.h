@@ -33,6 +33,7 @@ struct Touch {
   Vec3 normal;      // from the first geom to the second
   int side;         // of the vertices that touch, or −1 where features do
   int begin, end;   // those vertices
+  float lies;       // whether it lies flat on the other: 1 if most of a flat cluster touches, else 0
   float variance;   // of what touches around the position, along one direction of the surface [m²]
   Vec3 xi;          // material point near the feature
 };

@@ -465,7 +465,7 @@ bool Starts(const mjModel* m, const mjData* d) {
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
     : inertia_(m, std::move(marked)), dof_(m->nv), y_(kLanes * m->nv) {}
 
-bool ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts) {
+bool ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* dents, const double* lies, bool starts) {
   if (d->nefc == 0) return true;
   inertia_.Start(m, d);
   MarkStack(d);
@@ -477,15 +477,14 @@ bool ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* den
     together = RowsTogether(m, d, first);
     for (int row = first; row < first + together; row += kLanes) {
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
-      const bool contact = IsContact(d, row), sets = row == first && !contact && group.marked;
-      if (contact && row == first && (group.marked || TouchesSoft(m, d, row))) SetContactResistances(m, d, row);
+      const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
       const bool keeps = starts && IsTaken(m, d, row);
       if (!keeps && !sets) continue;
       group.dof = keeps ? mj_stackAllocInt(d, group.size) : dof_.data();
       group.y = keeps ? mj_stackAllocNum(d, kLanes * group.size) : y_.data();
       inertia_.Solve(m, d, &group);
-      if (sets) SetEqualityResistances(m, d, group);
+      if (sets) SetResistances(m, d, lies, group);
       if (keeps) groups[count++] = group;
     }
   }

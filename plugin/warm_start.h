@@ -32,9 +32,9 @@ class ConstraintRows {
   ConstraintRows(const mjModel* m, std::vector<char> marked);
 
   // Sets R of the rows that soft bodies are in, for d->M, which has to be complete and factored, and the springs of
-  // contacts that make dents, and writes d->qacc_warmstart. dents: of each contact, null where there are none.
+  // contacts that make dents, and writes d->qacc_warmstart. dents, lies: of each contact, null where there are none.
   // starts: what Starts said before anyone marked mjData's stack. False where mjData has no memory for the dents.
-  bool Finish(const mjModel* m, mjData* d, const ContactDents* dents, bool starts);
+  bool Finish(const mjModel* m, mjData* d, const ContactDents* dents, const double* lies, bool starts);
 
  private:
   RowInertia inertia_;

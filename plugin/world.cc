@@ -108,8 +108,9 @@ void World::Step(const mjModel* m, mjData* d) {
   if (dents_ && has_room) {
     dents = static_cast<ContactDents*>(mj_stackAllocByte(d, d->ncon * sizeof(ContactDents), alignof(ContactDents)));
   }
-  WriteContactRows(m, d, &contact_rows_, dents);
-  const bool dented = rows_.Finish(m, d, dents, starts);
+  double* lies = HasRoom(d, d->ncon) ? mj_stackAllocNum(d, d->ncon) : nullptr;
+  WriteContactRows(m, d, &contact_rows_, dents, lies);
+  const bool dented = rows_.Finish(m, d, dents, lies, starts);
   FreeStack(d);
   if (dents_ && !told_memory_ && !(has_room && dented)) {
     mju_warning("mjframes: the memory of mjData is too small for the dents of %d contacts: give <size memory> more.",

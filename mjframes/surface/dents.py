@@ -73,9 +73,9 @@ def dents(
 
 def _thickness(grid: Grid, positions: Array, normals: Array) -> Array:
     """(s,) how far it is through the voxels, by steps of half of one; one at least."""
-    step = grid.spacing.min() / 2
+    step, most = grid.spacing.min() / 2, float(np.linalg.norm(grid.spacing * grid.lookup.shape))
     inside, length = np.ones(len(positions), bool), np.zeros(len(positions))
-    while inside.any():
+    while inside.any() and length.max() < most:
         length[inside] += step
         place = (positions - length[:, None] * normals - grid.origin) @ grid.axes / grid.spacing
         index = np.floor(place).astype(np.int64)

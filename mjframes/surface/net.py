@@ -20,6 +20,7 @@ from mjframes.surface.smoothing import SMOOTHING, inside_field
 REACH = 0.75  # [voxels] along each axis that a corner moves at most: any smooth surface is that near
 PROJECTIONS = 4  # Newton steps onto the isosurface
 RELAXATIONS = 3  # of corners along it: those of one step of a slope come to lie on each other otherwise
+NARROW = 0.05  # [voxels] a face whose edges are shorter has collapsed, as those of a single voxel do
 LEVEL = 0.5  # [-] of the smoothed voxels on the surface
 
 
@@ -132,6 +133,8 @@ def _placed(inside: np.ndarray, at: np.ndarray, quad: np.ndarray, fixed: np.ndar
     ring = sparse.diags_array(1 / ring.sum(axis=1)) @ ring
     for _ in range(RELAXATIONS):
         at[free] = _projected(whole, 0.5 * (at + ring @ at)[free], start[free])
+    narrow = quad[np.linalg.norm(at[quad] - at[np.roll(quad, 1, axis=1)], axis=2).max(axis=1) < NARROW].ravel()
+    at[narrow] = start[narrow]
     for axis in range(3):
         ends = np.flatnonzero((rim[:, axis] != 0) & (fixed.sum(axis=1) == 1))
         sigma = np.where(np.arange(3) == axis, 0, SMOOTHING)

@@ -49,7 +49,7 @@ def test_momentum_is_conserved_in_free_flight(beta: float) -> None:
 
 
 @pytest.mark.parametrize("fall", FALLS)
-@pytest.mark.parametrize("timestep", [0.002, 0.01], ids="{} s".format)
+@pytest.mark.parametrize("timestep", [0.002, 0.005], ids="{} s".format)
 @pytest.mark.parametrize("young", 10.0 ** np.arange(3, 11), ids="{:.0e} Pa".format)
 def test_a_fall_is_stable_however_stiff(young: float, timestep: float, fall: str) -> None:
     scene, height = FALLS[fall]
@@ -61,7 +61,7 @@ def test_a_fall_is_stable_however_stiff(young: float, timestep: float, fall: str
         for _ in range(10):
             mujoco.mj_step(model, data)
         mujoco.mj_forward(model, data)
-        # In 10 ms a body turns so far that the step, straight along the tangent, stretches it by ½ (ω h)²; in a
+        # In 5 ms a body turns so far that the step, straight along the tangent, stretches it by ½ (ω h)²; in a
         # stiff one that is much elastic energy, which the next steps do not turn into motion.
         elastic = view.elastic_energy if young <= 1e6 else 0
         assert _visible_energy(view) + elastic <= start

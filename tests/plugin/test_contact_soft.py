@@ -169,7 +169,7 @@ def test_a_stack_of_three_comes_to_rest(masses: tuple[int, int, int]) -> None:
 @pytest.mark.parametrize("friction", [0.3, 0.7])
 def test_a_block_starts_to_slide_at_the_angle_of_friction(friction: float) -> None:
     speed = []
-    for factor in (0.99, 1.01):
+    for factor in (0.97, 1.01):
         angle = factor * np.arctan(friction)
         scene = FLOOR.replace("<mujoco>", '<mujoco><option cone="elliptic" impratio="10"/>')
         model, data = compiled(
@@ -184,8 +184,8 @@ def test_a_block_starts_to_slide_at_the_angle_of_friction(friction: float) -> No
         for _ in range(500):
             mujoco.mj_step(model, data)
         speed.append((soft(model, data, "soft0").control_positions.mean(axis=0)[0] - x) / (500 * model.opt.timestep))
-    assert speed[0] < 2e-3  # MuJoCo's friction creeps
-    assert speed[1] > 10 * speed[0]
+    assert speed[0] < 2e-4  # MuJoCo's friction creeps
+    assert speed[1] > 100 * speed[0]
 
 
 def test_contact_sets_the_parameters_of_all_patches() -> None:
@@ -254,14 +254,14 @@ def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco
         places = ((light, (0, 0, 0), (1, 0, 0, 0)), (heavy, (0.03, 0.03, 0.35), (1, 0, 0, 0)))
         model, data = compiled(FLOOR, *places, contact=contact, timestep=0.002)
         depths = []
-        for _ in range(500):
+        for _ in range(800):
             mujoco.mj_step(model, data)
             owner = model.body_plugin[model.geom_bodyid[data.contact.geom]]
             between = data.contact.dist[(owner >= 0).all(axis=1)]
             depths.append(max(0.0, -between.min(initial=0)))
         deepest[contact.solref] = max(depths), float(np.mean(depths[-50:]))
     ours, theirs = deepest[(0.01, 1.0)], deepest[None]
-    assert ours[0] < 0.6 * theirs[0]
+    assert ours[0] < 0.65 * theirs[0]
     assert ours[1] < 0.7 * theirs[1]
 
 

