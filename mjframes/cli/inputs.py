@@ -25,7 +25,8 @@ from mjframes.volume.library import LIBRARY
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES, MeshLike
 from mjframes.volume.pieces import chosen_piece
-from mjframes.volume.volume import VOXELS, Volume, occurring
+from mjframes.volume.spacing import VOXELS
+from mjframes.volume.volume import Volume, occurring
 from mjframes.volume.voxelize import LENGTHS
 
 MOST_LABELS = 1000  # of an image that has materials, not intensities

@@ -23,12 +23,13 @@ from mjframes.base.files import replacing
 from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
 from mjframes.volume.material import Material
+from mjframes.volume.solids import Solid, ball, box, cylinder
+from mjframes.volume.spacing import require_voxels, spacing_or_voxels, voxel_edges
 
 if TYPE_CHECKING:
     from mjframes.volume.meshes import MeshLike
 
 ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
-VOXELS = 20_000  # of meshes, unless given: built in seconds, and with some across every limb
 MANY = 30  # labels without a material that no atlas, but an image of intensities has
 SHOWN = 10  # of them
 LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
@@ -149,7 +150,7 @@ class Volume:
             raise MjframesError(
                 f"{source}spacing is missing; pass spacing= or --spacing, the edge of a voxel in metres.{more}"
             )
-        step = _spacing(source, step)
+        step = voxel_edges(source, step)
         axes = _orthonormal(source, image.axes)
         corner = np.zeros(3)
         if image.origin is not None:
@@ -199,12 +200,7 @@ class Volume:
         from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents
         from mjframes.volume.voxelize import spacing_for, voxelize
 
-        if spacing is not None and voxels is not None:
-            raise MjframesError(f"spacing is {spacing!r} and voxels is {voxels!r}; give exactly one of them.")
-        if spacing is None and voxels is None:
-            voxels = VOXELS
-        if voxels is not None and not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
-            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        step, count = spacing_or_voxels(spacing, voxels)
         if not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
             raise MjframesError(f"scale is {scale!r}; it must be the length of the meshes' unit in metres.")
         pairs = list(meshes)
@@ -214,16 +210,15 @@ class Volume:
         for material in materials:
             if not isinstance(material, Material):
                 raise MjframesError(f"a mesh has the material {material!r}; it must be a Material.")
-        step = None if spacing is None else _spacing("", np.asarray(spacing))
 
         def compute() -> dict[str, NDArray[Any]]:
             surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
-            edges = spacing_for(surfaces, int(voxels or 0), fill is not None) if step is None else step
+            edges = spacing_for(surfaces, count, fill is not None) if step is None else step
             labels, origin, notices = voxelize(surfaces, edges, fill is not None)
             return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
 
         contents = [mesh_contents(mesh, f"mesh {i}") for i, (mesh, _) in enumerate(pairs, 1)]
-        settings = (step, None if voxels is None else int(voxels), fill is not None, float(scale))
+        settings = (step, count if step is None else None, fill is not None, float(scale))
         known = cached("volume", (*contents, *settings), compute)
         for notice in known["notices"].tolist():
             warnings.warn(notice, MeshWarning, stacklevel=3)  # beyond telling_memory
@@ -231,6 +226,100 @@ class Volume:
         present = set(occurring(labels))
         inside = {i: material for i, material in enumerate(materials, 1) if i in present}
         return cls(labels, step, origin, np.eye(3), inside).upright(up)
+
+    @classmethod
+    @telling_memory
+    def box(
+        cls, size: ArrayLike, material: Material, spacing: ArrayLike | None = None, *, voxels: int | None = None
+    ) -> Volume:
+        """Return a box of one material, label 1, centred on the origin.
+
+        Parameters
+        ----------
+        size
+            Edges along x, y and z [m], one length or three. They are exact.
+        material
+            What the box is made of.
+        spacing
+            Edge of a voxel [m], one length or three. It is adjusted so that a whole number of voxels fits each edge.
+        voxels
+            About how many voxels the box has, in place of `spacing`. The default is 20,000.
+
+        Raises
+        ------
+        MjframesError
+            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+        """
+        return cls._of_solid(box(size, spacing, voxels), material)
+
+    @classmethod
+    @telling_memory
+    def sphere(
+        cls, radius: float, material: Material, spacing: ArrayLike | None = None, *, voxels: int | None = None
+    ) -> Volume:
+        """Return a solid sphere of one material, label 1, centred on the origin.
+
+        A voxel is inside if its centre is.
+
+        Parameters
+        ----------
+        radius
+            Radius [m].
+        material
+            What the sphere is made of.
+        spacing
+            Edge of a voxel [m], one length or three.
+        voxels
+            About how many voxels are inside, in place of `spacing`. The default is 20,000.
+
+        Raises
+        ------
+        MjframesError
+            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+        """
+        return cls._of_solid(ball(radius, spacing, voxels), material)
+
+    @classmethod
+    @telling_memory
+    def cylinder(
+        cls,
+        radius: float,
+        length: float,
+        material: Material,
+        spacing: ArrayLike | None = None,
+        *,
+        voxels: int | None = None,
+    ) -> Volume:
+        """Return a solid cylinder of one material, label 1, along z and centred on the origin.
+
+        A voxel is inside if its centre is.
+
+        Parameters
+        ----------
+        radius
+            Radius [m].
+        length
+            Length along z [m]. It is exact.
+        material
+            What the cylinder is made of.
+        spacing
+            Edge of a voxel [m], one length or three. Along z it is adjusted so that a whole number of voxels fits.
+        voxels
+            About how many voxels are inside, in place of `spacing`. The default is 20,000.
+
+        Raises
+        ------
+        MjframesError
+            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+        """
+        return cls._of_solid(cylinder(radius, length, spacing, voxels), material)
+
+    @classmethod
+    def _of_solid(cls, solid: Solid, material: Material) -> Volume:
+        labels, spacing, origin = solid
+        if not isinstance(material, Material):
+            raise MjframesError(f"material is {material!r}; it must be a Material, as Material.named('silicone-00-30').")
+        return cls(labels, spacing, origin, np.eye(3), {1: material})
 
     @property
     def centers(self) -> NDArray[np.float64]:
@@ -262,8 +351,7 @@ class Volume:
 
         Raise MjframesError if a label would vanish.
         """
-        if not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
-            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        require_voxels(voxels)
         inside = np.count_nonzero(self.labels) * np.prod(self.spacing)
         step = float(inside / voxels) ** (1 / 3)
         low, high = _box(self.labels)
@@ -488,16 +576,6 @@ def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
             "Is this a label image?"
         )
     return result
-
-
-def _spacing(source: str, value: ArrayLike) -> NDArray[np.float64]:
-    try:
-        spacing = np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
-    except (TypeError, ValueError):
-        spacing = np.full(3, np.nan)
-    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
-        raise MjframesError(f"{source}spacing is {value!r}; it must be one or three positive lengths in metres.")
-    return spacing
 
 
 def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:

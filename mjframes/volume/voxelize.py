@@ -18,15 +18,13 @@ import scipy.spatial
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from mjframes.base.constants import MOST_CELLS
 from mjframes.base.errors import MjframesError
-from mjframes.base.memory import available_memory
 from mjframes.volume.meshes import Surface, import_igl, lids
+from mjframes.volume.spacing import require_room
 
 PROBE_CELLS = 400_000  # of the grid that estimates the volume for a wanted voxel count: to about 1 %, in 0.02 to 0.3 s
 QUERIES = 1_000_000  # points per call of libigl: 24 MB of coordinates
 SNAPPED = 16  # cells from which on a whole number of them on the shortest side changes the voxel count by < 10 %
-CELL = 8  # [bytes] of a cell while it is found inside or outside
 LENGTHS = (5e-3, 5.0)  # [m] of a usual body
 NOTABLE_LOSS = 0.02  # [-] difference of voxels and mesh in volume that is worth a notice
 SHARPNESS = 256  # lost places whose thickness is measured
@@ -135,20 +133,7 @@ def _frame(
     """
     low, high = _bounds(surfaces)
     cells = np.maximum(np.ceil((high - low) / spacing - 1e-6), 1)  # a box of ten spacings is ten cells
-    if np.prod(cells) > MOST_CELLS:
-        least = float(np.prod(high - low) / MOST_CELLS) ** (1 / 3)
-        raise MjframesError(
-            f"spacing is {spacing.tolist()} m, which makes {np.prod(cells):.1e} cells of a body of "
-            f"{np.array2string(high - low, precision=3)} m; take more than {least:.1g} m or scale the mesh."
-        )
-    if (needed := CELL * float(np.prod(cells))) > (available := available_memory()):
-        raise MjframesError(
-            f"spacing is {spacing.tolist()} m, which makes {np.prod(cells):.1e} cells: these take about "
-            f"{needed / 1e9:.1f} GB, but {available / 1e9:.1f} GB of memory are free; take a spacing of "
-            f"{float(np.max(spacing)) * 1.1 * (needed / available) ** (1 / 3):.2g} m or more, or --voxels."
-        )
-    nx, ny, nz = cells.astype(int).tolist()
-    return low, (nx, ny, nz)
+    return low, require_room(cells, spacing)
 
 
 def _box(
