@@ -52,7 +52,7 @@ def cylinder(radius: float, length: float, spacing: ArrayLike | None, voxels: in
     return _sampled(lengths, (False, False, True), content, inside, spacing, voxels)
 
 
-def _require_length(name: str, value: object) -> None:
+def _require_length(name: str, value: float) -> None:
     if not (is_number(value) and value > 0):
         raise MjframesError(f"{name} is {value!r}; it must be a positive length in metres.")
 
@@ -78,7 +78,9 @@ def _sampled(
     shape = require_room(cells, step)
     origin = -step * cells / 2
     labels = np.zeros(shape, np.uint8)
-    labels[:] = inside(*np.ix_(*(low + (np.arange(n) + 0.5) * h for low, n, h in zip(origin, shape, step, strict=True))))
+    labels[:] = inside(
+        *np.ix_(*(low + (np.arange(n) + 0.5) * h for low, n, h in zip(origin, shape, step, strict=True)))
+    )
     if not labels.any():
         said = f"voxels is {voxels!r}" if given is None else f"spacing is {spacing!r}"
         right = "more" if given is None else "less"

@@ -318,7 +318,9 @@ class Volume:
     def _of_solid(cls, solid: Solid, material: Material) -> Volume:
         labels, spacing, origin = solid
         if not isinstance(material, Material):
-            raise MjframesError(f"material is {material!r}; it must be a Material, as Material.named('silicone-00-30').")
+            raise MjframesError(
+                f"material is {material!r}; it must be a Material, as Material.named('silicone-00-30')."
+            )
         return cls(labels, spacing, origin, np.eye(3), {1: material})
 
     @property

@@ -103,7 +103,7 @@ def test_a_world_is_what_one_run_with_its_row_of_the_table_is(scene: Path, whole
     states = log.states()
     assert len(states) == int(row["entries"]) == 10
     common, second = float(row["lump.stiffness"]), float(row["lump.2"])
-    scale(model, "lump", {1: common, 2: common * second, 3: common}, damping=(1.0, float(row["lump.beta"])))
+    scale(model, "lump", materials={1: common, 2: common * second, 3: common}, damping=(1.0, float(row["lump.beta"])))
     data = mujoco.MjData(model)
     data.qpos[:] = states[0]["qpos"]
     weights = pushes(model, data, [("lump", (0, 1)), ("ball", (0, 1))], 1.0)

@@ -92,13 +92,13 @@ def set_materials(batch: Batch, found: Sequence[Variation], drawn: Sequence[Mapp
     ones = np.ones(len(drawn))
     for body, of in factors.items():
         common, damping = of.get(STIFFNESS, ones), None
-        stiffness: dict[int | str, np.ndarray] | None = None
+        stiffness: dict[int, np.ndarray] | None = None
         if of.keys() - set(DAMPING):
             known = materials(batch.model, body).items()
             stiffness = {label: common * of.get(called, of.get(str(label), ones)) for label, called in known}
         if of.keys() & set(DAMPING):
             damping = np.stack([of.get(what, ones) for what in DAMPING], axis=1)
-        scale(batch, body, stiffness, damping=damping)
+        scale(batch, body, materials=stiffness, damping=damping)
 
 
 def movables(model: mujoco.MjModel, data: mujoco.MjData, found: Sequence[Variation]) -> dict[str, Movable]:
