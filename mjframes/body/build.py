@@ -34,7 +34,7 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.contact_points import contact_points
 from mjframes.surface.dents import dents
 from mjframes.surface.distance_field import DistanceField, rest_distance_field
-from mjframes.surface.isosurface import kept_surface
+from mjframes.surface.isosurface import extract_surface, kept_surface
 from mjframes.surface.patches import group_patches
 from mjframes.volume.grid import Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
@@ -83,7 +83,7 @@ def build(options: BuildOptions) -> SoftBody:
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options.contact_reach)
+    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options)
     return SoftBody(
         parent=chosen.tree.parent,
         types=chosen.types,
@@ -218,7 +218,7 @@ def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> F
 
 
 def _surfaces(
-    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_reach: float | None
+    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, options: BuildOptions
 ) -> tuple[Skin, ContactVertices, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
@@ -228,10 +228,11 @@ def _surfaces(
     patches = group_patches(vertices.positions, vertices.normals @ volume.axes, weights, shapes.control)
     vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
-    skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
+    drawn = extract_surface(volume, int(options.skin_vertices)) if options.skin_vertices else surface
+    skin = Skin(drawn.vertices, drawn.faces, drawn.label, shapes.at(grid, drawn.vertices))
     pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
     below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
-    reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
+    reach = float(np.min(volume.spacing)) / 2 if options.contact_reach is None else float(options.contact_reach)
     contact = ContactVertices(
         vertices.positions, vertices.normals @ volume.axes, reach, patches.patch, patches.cluster, weights, below
     )

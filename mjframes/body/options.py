@@ -34,6 +34,7 @@ from mjframes.weights.kernels import KERNELS, Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
 REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
+LEAST_VERTICES = 100  # of a skin: with fewer it no longer has the body's shape
 FREEDOM = ", ".join(f"{name} {kind.freedom}" for name, kind in FRAME_TYPES.items())
 
 Progress = Callable[[str], None]
@@ -149,6 +150,15 @@ class BuildOptions:
             metavar="LENGTH",
         ),
     )
+    skin_vertices: int | None = field(
+        default=None,
+        metadata=option(
+            "about how many vertices the skin that is drawn has, 100 or more, 5000 unless given; contact does not "
+            "depend on it",
+            reads=texts.count,
+            metavar="N",
+        ),
+    )
     seed: int = field(default=0, metadata=option("of the frame placement", reads=texts.seed, metavar="N"))
     progress: Progress | None = field(
         default=None,
@@ -172,6 +182,7 @@ class BuildOptions:
         self._check_number_of_frames()
         self._check_damping()
         self._check_reach(float(REACH_LIMIT * np.min(self.volume.spacing)))
+        self._check_skin()
         self._check_law(self.volume)
 
     @property
@@ -230,6 +241,12 @@ class BuildOptions:
                 f"contact_reach is {self.contact_reach!r}; it must be positive and at most {REACH_LIMIT:g} voxels, "
                 f"{most:g} m."
             )
+
+    def _check_skin(self) -> None:
+        count = self.skin_vertices
+        is_count = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+        if count is not None and not (is_count and count >= LEAST_VERTICES):
+            raise MjframesError(f"skin_vertices is {count!r}; it must be a whole number from {LEAST_VERTICES} on.")
 
     def _check_law(self, volume: Volume) -> None:
         if self.law != COROTATIONAL:
