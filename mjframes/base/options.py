@@ -80,16 +80,21 @@ def taking(options: Callable[P, T]) -> Callable[[Callable[[T], R]], Callable[P, 
         result = inspect.signature(function).return_annotation
         called.__dict__["__signature__"] = inspect.signature(options).replace(return_annotation=result)
         if isinstance(options, type):
-            called.__doc__ = f"{inspect.getdoc(function)}\n\n{listed(options)}"
+            before, raises, after = str(inspect.getdoc(function)).partition("\nRaises\n")
+            called.__doc__ = f"{before.rstrip()}\n\n{listed(options)}\n{raises}{after}".rstrip()
         return called
 
     return decorate
 
 
 def listed(kind: type) -> str:
-    """Return the options of a dataclass as lines of a docstring."""
-    entries = (f"{some.name}: {described(some, said)}." for some, said in options_of(kind))
-    return "\n".join(line for entry in entries for line in textwrap.wrap(entry, 118, break_on_hyphens=False))
+    """Return the options of a dataclass as the section "Parameters" of a docstring."""
+    lines = ["Parameters", "----------"]
+    for some, said in options_of(kind):
+        text = described(some, said)
+        sentence = textwrap.wrap(f"{text[0].upper()}{text[1:]}.", 112, break_on_hyphens=False)
+        lines += [some.name, *(f"    {line}" for line in sentence)]
+    return "\n".join(lines)
 
 
 def described(some: Field[Any], said: Option) -> str:

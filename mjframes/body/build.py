@@ -44,7 +44,7 @@ from mjframes.whole_body.contrast import firm_as_rigid
 
 
 class TurnWarning(UserWarning):
-    """A body that is free to turn has frames that cannot."""
+    """A body that nothing holds has frames that cannot turn."""
 
 
 @taking(BuildOptions)
@@ -52,8 +52,17 @@ class TurnWarning(UserWarning):
 def build(options: BuildOptions) -> SoftBody:
     """Build a soft body from a volume.
 
-    Raise MjframesError for a volume in several pieces, for values out of range and where memory will not do. Warn
-    (TurnWarning) of free bodies of point frames, and (Notice) of builds of more than a minute.
+    Raises
+    ------
+    MjframesError
+        For a volume in several pieces, for values out of range, and if the memory does not suffice.
+
+    Warns
+    -----
+    TurnWarning
+        If a body that nothing holds has frames that cannot turn.
+    Notice
+        If the build takes more than a minute, and how many frames were taken if nothing says how many.
     """
     progress = options.progress or (lambda stage: None)
     volume = _announced(options)

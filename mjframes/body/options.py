@@ -42,7 +42,13 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Paper:
-    """The paper's stiffness: a sum over at most `samples` regions, its integration samples."""
+    """The paper's method for the stiffness: sums over regions, its integration samples.
+
+    Parameters
+    ----------
+    samples
+        Largest number of integration samples.
+    """
 
     samples: int = field(
         default=10,
@@ -58,13 +64,13 @@ class BuildOptions:
     """
 
     volume: Volume | str | os.PathLike[str] = field(
-        metadata=option("what to build from: a `Volume`, or the file of one that has materials")
+        metadata=option("a `Volume`, or a file of one that contains its materials")
     )
     frames: int | None = field(
         default=None,
         metadata=option(
-            "how many frames; unless given, as many as frame_type has, or 3 by the paper's method, or the fewest of up "
-            "to 20 that keep an error of 15 % or come nearest to it",
+            "number of frames; the default is the smallest number up to 20 with an error below 15 %, or the one that "
+            "comes nearest; with a sequence of frame types as many as it has; 3 by the paper's method",
             reads=texts.count,
             metavar="N",
         ),
@@ -73,27 +79,28 @@ class BuildOptions:
     error: float | None = field(
         default=None,
         metadata=option(
-            "as many frames as it takes for this error, the larger of `BodyError` [-]: 0.05 for 5 %",
+            "take the fewest frames with an error below this, 0.05 for 5 % [-]; both errors of `BodyError` count",
             reads=texts.share,
             metavar="E",
             instead_of="frames",
         ),
     )
     at: ArrayLike | None = field(
-        default=None, metadata=option("places of the frames (f, 3), in volume coordinates [m]")
+        default=None,
+        metadata=option("positions of the frames (f, 3) in volume coordinates [m], in place of their number"),
     )
     supports: Support | Sequence[Support] = field(
         default=(),
         metadata=option(
-            "pieces that stand still in the body that the soft body is attached to, `Fixed`, or move with a named one, "
-            "`Attached`; each is a frame of its own, beside those asked for"
+            "pieces that stand still in the body that the soft body is attached to (`Fixed`), or move with a named one "
+            "(`Attached`); each piece is one more frame"
         ),
     )
     frame_type: str | Sequence[str] = field(
         default="affine",
         metadata=option(
-            f"of all frames, in Python also a sequence with one for each; degrees of freedom: {FREEDOM} (translations "
-            "only, for small rotations)",
+            f"type of all frames, in Python also a sequence with one for each; degrees of freedom: {FREEDOM} "
+            "(translations only, for small rotations)",
             choices=tuple(FRAME_TYPES),
             many=True,
         ),
@@ -101,8 +108,8 @@ class BuildOptions:
     method: str | Paper = field(
         default=WHOLE_BODY,
         metadata=option(
-            "how the frames get their stiffness: from finite elements on all voxels, one region a frame, or summed "
-            "over the paper's integration samples",
+            "how the frames get their stiffness: from finite elements on all voxels, or summed over the paper's "
+            "integration samples",
             choices=METHODS,
             kinds={PAPER: Paper},
         ),
@@ -110,42 +117,45 @@ class BuildOptions:
     metric: str | None = field(
         default=None,
         metadata=option(
-            "distance by which frames are spread: inside the body, or the paper's; that of the method unless given",
+            "distance by which frames are spread: within the body, or the paper's; the default depends on the method",
             choices=METRICS,
         ),
     )
     weights: str | Weights = field(
-        default=VORONOI, metadata=option("of the frames at the voxels", choices=tuple(KERNELS), kinds=KERNELS)
+        default=VORONOI,
+        metadata=option("how the frames share the voxels between them", choices=tuple(KERNELS), kinds=KERNELS),
     )
     law: str = field(
         default=COROTATIONAL,
         metadata=option(
-            f"of elasticity, all but {COROTATIONAL} for large strains; its constants are those of "
-            "`Material.law_constants`, the others follow from Young's modulus and Poisson's ratio",
+            f"law of elasticity; all but {COROTATIONAL} are for large strains, and take constants from "
+            "`Material.law_constants`; those that are missing follow from Young's modulus and Poisson's ratio",
             choices=ALL_LAWS,
         ),
     )
     mass: str | None = field(
         default=None,
         metadata=option(
-            "the mass matrix; unless given, consistent where all frames are affine or points", choices=MASSES
+            "mass matrix; the default is consistent if all frames are affine or points, or else lumped", choices=MASSES
         ),
     )
     mode: str = field(
         default=IMPLICIT,
         metadata=option(
-            "stable at any step, or without stiffness work for steps shorter than the stiffest vibration, and for RK4",
+            "implicit is stable at any step; explicit is cheaper, for steps shorter than the stiffest vibration and "
+            "for RK4",
             choices=MODES,
         ),
     )
     damping: tuple[float, float] = field(
-        default=(0.0, 0.0), metadata=option("Rayleigh's α [1/s] and β [s]", reads=texts.rates, metavar="ALPHA,BETA")
+        default=(0.0, 0.0),
+        metadata=option("Rayleigh damping α [1/s] and β [s]", reads=texts.rates, metavar="ALPHA,BETA"),
     )
     contact_reach: float | None = field(
         default=None,
         metadata=option(
-            "what is higher than the deepest point of a contact by this or more has no share in it [m], half a voxel "
-            "unless given",
+            "height above the deepest point of a contact beyond which a vertex has no share in it [m]; the default is "
+            "half a voxel",
             reads=texts.length,
             metavar="LENGTH",
         ),
@@ -153,16 +163,16 @@ class BuildOptions:
     skin_vertices: int | None = field(
         default=None,
         metadata=option(
-            "about how many vertices the skin that is drawn has, 100 or more, 5000 unless given; contact does not "
-            "depend on it",
+            "about how many vertices the drawn skin has, 100 or more; the default is 5000; contact does not depend on "
+            "it",
             reads=texts.count,
             metavar="N",
         ),
     )
-    seed: int = field(default=0, metadata=option("of the frame placement", reads=texts.seed, metavar="N"))
+    seed: int = field(default=0, metadata=option("seed of the frame placement", reads=texts.seed, metavar="N"))
     progress: Progress | None = field(
         default=None,
-        metadata=option('called with the name of each stage, and as "stage: 25%" within long ones'),
+        metadata=option('function that is called with the name of each stage, and as "stage: 25%" within long ones'),
     )
 
     def __post_init__(self) -> None:

@@ -28,16 +28,40 @@ def add_sensor(
     points: ArrayLike | None = None,
     sensor_name: str | None = None,
 ) -> mujoco.MjsSensor:
-    """Add a sensor of the soft body `name`, of which `body` was attached to `spec`; return MuJoCo's sensor.
+    """Add a sensor that measures a soft body to a spec.
 
-    quantity: "elastic_energy" or "kinetic_energy" [J], one value; "contact_force", the sum of the contact forces on the
-    body, held pieces included, in the world's axes [N]; or at material points (n, 3), in volume coordinates [m], as
-    many times: "position" [m] and "velocity" [m/s], in the world's axes; "energy_density" [J/m³]; "stress", Cauchy's in
-    the world's axes [Pa], and "strain", Green's in the volume's axes, as xx, yy, zz, yz, xz, xy;
-    "deformation_gradient", from the volume's to the world's axes, row by row. The same as `soft()` says.
-    sensor_name: f"{name}_{quantity}" unless given.
-    Raise MjframesError for other quantities, where points are missing or not of the material, for a soft body that is
-    not there or another one, and for a name that is taken.
+    Parameters
+    ----------
+    spec
+        The scene to change.
+    body
+        The soft body as it was attached.
+    name
+        Name of the soft body in the spec.
+    quantity
+        What to measure. Of the whole body: "elastic_energy" and "kinetic_energy" [J], and "contact_force", the sum of
+        the
+        contact forces on it, held pieces included, in the world's axes (3,) [N]. At each material point: "position"
+        (3,)
+        [m] and "velocity" (3,) [m/s] in the world's axes, "energy_density" [J/m³], Cauchy's "stress" (6,) in the
+        world's
+        axes [Pa] and Green's "strain" (6,) in the volume's axes [-], as xx, yy, zz, yz, xz, xy, and
+        "deformation_gradient" (9,) from the volume's to the world's axes, row by row [-].
+    points
+        Material points (n, 3) in volume coordinates [m], for the quantities at points.
+    sensor_name
+        Name of the sensor. The default is `name_quantity`.
+
+    Returns
+    -------
+    mujoco.MjsSensor
+        MuJoCo's sensor. Its values follow each other point by point.
+
+    Raises
+    ------
+    MjframesError
+        For other quantities, if points are missing or outside the material, if the spec does not have the soft body or
+        has another one of that name, and for a sensor name that is taken.
     """
     if quantity not in WHOLE + OF_POINTS:
         raise MjframesError(f"quantity is {quantity!r}; it must be one of {', '.join(map(repr, WHOLE + OF_POINTS))}.")

@@ -58,7 +58,7 @@ WITNESSES = 16  # [-] vertices that all must lie within another shell for a shel
 
 
 class MeshWarning(Notice):
-    """A surface is not what it should be: what is wrong with it and how it was taken."""
+    """A surface has a fault; the warning says which one and what was done about it."""
 
 
 @dataclass(frozen=True, eq=False)

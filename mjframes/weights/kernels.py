@@ -16,9 +16,12 @@ MOST_SUBDIVISIONS = 20  # surfaces every millionth: far beyond any voxel
 
 @dataclass(frozen=True)
 class Voronoi:
-    """The paper's kernels (§4.3).
+    """The paper's kernels (§4.3) as weights of the frames.
 
-    subdivisions: of the intervals between the frames' cells, 1 to 20.
+    Parameters
+    ----------
+    subdivisions
+        How often the intervals between the frames' cells are subdivided, 1 to 20.
     """
 
     subdivisions: int = field(
@@ -29,12 +32,21 @@ class Voronoi:
 
 @dataclass(frozen=True)
 class Harmonic:
-    """Potentials: 1 at the frame's own seed, 0 at the others', conducted the better the stiffer the material."""
+    """Potentials as weights of the frames.
+
+    A weight is 1 at the frame's own seed and 0 at the seeds of others. Stiffer material conducts it better.
+    """
 
 
 @dataclass(frozen=True)
 class Linear:
-    """Hats along an index axis, 0 to 2, that of the frames' largest extent unless given."""
+    """Hat functions along one axis as weights of the frames.
+
+    Parameters
+    ----------
+    axis
+        Index axis of the hats, 0 to 2. The default is the one along which the frames extend most.
+    """
 
     axis: int | None = field(
         default=None, metadata=option("index axis of the hats, that of the frames' largest extent unless given")

@@ -11,7 +11,7 @@ FIRM = 1e6  # [-] Young's modulus, to the softest material's, from which on a ma
 
 
 class RigidWarning(UserWarning):
-    """A material was taken as rigid."""
+    """A material is so much stiffer than the others that it was taken as rigid."""
 
 
 def firm_as_rigid(volume: Volume) -> Volume:

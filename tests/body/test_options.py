@@ -25,7 +25,7 @@ def test_the_signature_and_the_help_of_build_have_every_field() -> None:
         list(inspect.signature(mf.build).parameters) == names == [field.name for field, _ in options_of(BuildOptions)]
     )
     for name in names:
-        assert f"\n{name}: " in str(mf.build.__doc__)
+        assert f"\n{name}\n    " in str(mf.build.__doc__)
 
 
 def parsed(*words: str) -> dict[str, Any]:

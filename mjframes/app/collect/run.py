@@ -35,10 +35,18 @@ PARTIAL = re.compile(r"\.[\w-]+\.(\d+)\.partial\.\w+")  # see `base.files.replac
 
 @dataclass(frozen=True)
 class Collection:
-    """What was collected.
+    """What `collect` has written.
 
-    folder: of the shards and the table.  worlds: how many.  shards: their files.
-    ended: of how many worlds MuJoCo warned, whose entries end before that.
+    Parameters
+    ----------
+    folder
+        Folder of the shards and of the table.
+    worlds
+        Number of worlds.
+    shards
+        Files of the shards.
+    ended
+        Number of worlds that ended early because MuJoCo warned of them.
     """
 
     folder: Path
@@ -63,18 +71,49 @@ def collect(
     ray: str | None = None,
     progress: bool = False,
 ) -> Collection:
-    """Step many worlds of a scene and keep their states and sensors, and what was drawn for each.
+    """Step many worlds of a scene and write their states, their sensors and what was drawn for each.
 
-    scene: MJCF file.  out: folder, new, empty, or of the same collection, which then goes on.
-    worlds, seconds: how many, and how long each [s].  rate: entries a simulated second [Hz].
-    vary: bounds of what is drawn, {"steak.stiffness": (0.5, 2)}; see `variation` for what there is.
-    push: bounds of a force on a body, {"steak": (0, 5)} [N]; see `push`.
-    control: "random" draws each actuator's control anew every tenth of a second, from its range.
-    seed: of all draws.  shard: worlds in a file.  threads: one a processor unless given; on a cluster one a shard.
-    ray: address of a Ray cluster that computes the shards, "local" for one of this machine's own.
-    progress: show a bar on a terminal.
-    What is kept depends neither on threads nor on where and how often it was interrupted, to the bit.
-    Raise MjframesError for arguments that cannot be, a folder of another collection, and what cannot be written.
+    What is written does not depend on the number of threads, nor on whether the collection was interrupted, to the bit.
+
+    Parameters
+    ----------
+    scene
+        MJCF file.
+    out
+        Folder that is new, empty, or holds the same collection, which then goes on.
+    worlds
+        Number of worlds.
+    seconds
+        How long each world runs [s].
+    vary
+        Bounds of what is drawn for each world, as `{"steak.stiffness": (0.5, 2)}`. The page on many worlds lists what
+        can vary.
+    push
+        Bounds of a force on a body [N], as `{"steak": (0, 5)}`.
+    control
+        `"random"` draws each actuator's control anew every 0.1 s from its range. `"none"` leaves the controls alone.
+    rate
+        Entries per simulated second [Hz].
+    seed
+        Seed of all draws.
+    shard
+        Number of worlds in a file.
+    threads
+        Number of threads. The default is one per processor; on a cluster, one per shard.
+    ray
+        Address of a Ray cluster that computes the shards, or `"local"` for one on this machine.
+    progress
+        Whether to show a progress bar on a terminal.
+
+    Returns
+    -------
+    Collection
+        The folder and its files.
+
+    Raises
+    ------
+    MjframesError
+        For arguments out of range, for a folder with another collection, and for files that cannot be written.
     """
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise MjframesError(f"threads is {threads!r}; give a whole number from 1 on.")
