@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mjframes.base.options import described, options_of
 from mjframes.body.options import BuildOptions
+from mjframes.elasticity.law_table import LAWS
 from mjframes.volume.images import IMAGE_TYPES
 from mjframes.volume.meshes import MESH_TYPES
 
@@ -19,6 +20,12 @@ def options_of_build() -> str:
     return "\n".join(["| argument | what it is |", "| --- | --- |", *rows])
 
 
+def laws() -> str:
+    """Return the hyperelastic laws and their constants as a table."""
+    rows = [f"| `{name}` | {', '.join(f'`{constant}`' for constant in law.names)} |" for name, law in LAWS.items()]
+    return "\n".join(["| law | constants |", "| --- | --- |", *rows])
+
+
 def volume_formats() -> str:
     """Return the files that a volume is made of as a table."""
     kinds = {"label images": IMAGE_TYPES, "meshes": MESH_TYPES}
@@ -26,7 +33,11 @@ def volume_formats() -> str:
     return "\n".join(["| files | types |", "| --- | --- |", *rows])
 
 
-TABLES = {("options.md", "options"): options_of_build, ("volumes.md", "formats"): volume_formats}
+TABLES = {
+    ("options.md", "options"): options_of_build,
+    ("options.md", "laws"): laws,
+    ("volumes.md", "formats"): volume_formats,
+}
 
 
 def written(page: str, name: str, table: str) -> str:

@@ -11,13 +11,11 @@ from numpy.typing import ArrayLike
 
 from mjframes.base import texts
 from mjframes.base.choices import (
-    ALL_LAWS,
     COMPLIANCE,
     COROTATIONAL,
     EVEN,
     FRAME_TYPES,
     IMPLICIT,
-    LAWS,
     MASSES,
     METHODS,
     METRICS,
@@ -28,6 +26,7 @@ from mjframes.base.choices import (
 )
 from mjframes.base.errors import MjframesError
 from mjframes.base.options import option, require_choices
+from mjframes.elasticity.law_table import ALL_LAWS, LAWS
 from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
 from mjframes.weights.kernels import KERNELS, Weights, weights_of
@@ -271,5 +270,5 @@ class BuildOptions:
                 raise MjframesError(
                     f"material {material.name or label!r} has law_constants {dict(material.law_constants)!r}, but the "
                     f"corotational law has none but those of Young's modulus and Poisson's ratio; leave them out, or "
-                    f"choose law={LAWS[1]!r} or another."
+                    f"choose law={list(LAWS)[1]!r} or another."
                 )
