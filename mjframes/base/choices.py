@@ -27,7 +27,6 @@ FRAME_TYPES = {
 }
 METHODS = WHOLE_BODY, PAPER = "whole_body", "paper"
 METRICS = EVEN, COMPLIANCE = "even", "compliance"  # geodesic distance within the body, and the paper's (5)
-WEIGHTS = VORONOI, HARMONIC, LINEAR = "voronoi", "harmonic", "linear"
 COROTATIONAL = "corotational"  # the linear law, Hooke's about a rotation
 MASSES = LUMPED, CONSISTENT = "lumped", "consistent"
 MODES = IMPLICIT, EXPLICIT = "implicit", "explicit"

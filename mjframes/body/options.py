@@ -21,7 +21,6 @@ from mjframes.base.choices import (
     METRICS,
     MODES,
     PAPER,
-    VORONOI,
     WHOLE_BODY,
 )
 from mjframes.base.errors import MjframesError
@@ -29,7 +28,7 @@ from mjframes.base.options import option, require_choices
 from mjframes.elasticity.law_table import ALL_LAWS, LAWS
 from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
-from mjframes.weights.kernels import KERNELS, Weights, weights_of
+from mjframes.weights.kernels import KERNELS, VORONOI, Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
 REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
