@@ -57,14 +57,12 @@ def record(
         How long to simulate [s].
     video, log, plot
         Files to write (.mp4, .mcap, .png). All of them appear, or none if the run fails. A `Log` chooses what is
-        logged,
-        and how often.
+        logged, and how often.
     camera, fps, size
         Camera, frames per second and size of the video, see `film`.
     scene
         The spec that the model was compiled from. It goes into the log with the files that it names; without it, no
-        film
-        can be made of the log later.
+        film can be made of the log later.
     ctrl
         Constant controls by the names of actuators, or a file with controls over time (.csv or .npy).
     keyframe

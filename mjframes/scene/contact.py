@@ -27,8 +27,7 @@ class Contact:
     """How a soft body collides, as a geom's attributes in MJCF.
 
     The default of `solref` has half of MuJoCo's time constant: soft bodies that fall on each other penetrate a third to
-    a
-    half as deep, and half as deep at rest. With a rigid geom at MuJoCo's default of 0.02 s it is mixed to 0.015 s.
+    a half as deep, and half as deep at rest. With a rigid geom at MuJoCo's default of 0.02 s it is mixed to 0.015 s.
 
     Objects that cross the thickness of a body in a few milliseconds still pass through it, such as a ball at 10 m/s
     through a slab of 5 cm. `solref=(0.005, 1)` with `priority=1` stops that ball.

@@ -52,8 +52,7 @@ def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[None]:
     """Make `data.M` and its factors those of `mass_matrix`, in a `with` block.
 
     It is for code that calls `mj_fullM`, `mj_mulM`, `mj_solveM` or `mj_energyVel`, such as operational-space
-    controllers.
-    Afterwards both are again what the step works with. Do not step inside the block.
+    controllers. Afterwards both are again what the step works with. Do not step inside the block.
 
     Parameters
     ----------

@@ -40,12 +40,9 @@ def add_sensor(
         Name of the soft body in the spec.
     quantity
         What to measure. Of the whole body: "elastic_energy" and "kinetic_energy" [J], and "contact_force", the sum of
-        the
-        contact forces on it, held pieces included, in the world's axes (3,) [N]. At each material point: "position"
-        (3,)
-        [m] and "velocity" (3,) [m/s] in the world's axes, "energy_density" [J/m³], Cauchy's "stress" (6,) in the
-        world's
-        axes [Pa] and Green's "strain" (6,) in the volume's axes [-], as xx, yy, zz, yz, xz, xy, and
+        the contact forces on it, held pieces included, in the world's axes (3,) [N]. At each material point: "position"
+        (3,) [m] and "velocity" (3,) [m/s] in the world's axes, "energy_density" [J/m³], Cauchy's "stress" (6,) in the
+        world's axes [Pa] and Green's "strain" (6,) in the volume's axes [-], as xx, yy, zz, yz, xz, xy, and
         "deformation_gradient" (9,) from the volume's to the world's axes, row by row [-].
     points
         Material points (n, 3) in volume coordinates [m], for the quantities at points.

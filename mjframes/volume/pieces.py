@@ -34,8 +34,7 @@ def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
     -------
     dict
         Meshes by name: the file's objects if it has several (.3mf, .glb, .gltf, .obj), or else its unconnected
-        surfaces,
-        called "1", "2", … from the largest box on.
+        surfaces, called "1", "2", … from the largest box on.
 
     Raises
     ------

@@ -100,10 +100,8 @@ class Volume:
         """Return a volume from a file: what `save` wrote, or a label image.
 
         Coordinates are those of the file. Images with anatomical orientation are converted to RAS: x points to the
-        right and
-        y to the front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage). For left-handed axes one array
-        axis
-        is reversed; sheared axes are refused.
+        right and y to the front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage). For left-handed axes
+        one array axis is reversed; sheared axes are refused.
 
         Parameters
         ----------
@@ -235,8 +233,7 @@ class Volume:
         ----------
         meshes
             Pairs (mesh, material). A mesh is a file (.obj .stl .ply .off .glb …) or a trimesh object. The i-th pair,
-            counted
-            from 1, has label i.
+            counted from 1, has label i.
         spacing
             Edge of a voxel [m], one length or three.
         voxels
