@@ -6,9 +6,10 @@ import math
 import os
 from dataclasses import dataclass
 
+from mjframes.app.log import numbers
 from mjframes.base.errors import MjframesError
 
-TOPICS = ("state", "energy", "contacts", "sensors", "scene", "video")
+TOPICS = ("state", *numbers.TOPICS, "scene", "video")
 
 
 @dataclass(frozen=True)
