@@ -8,6 +8,7 @@ from pathlib import Path
 from mjframes.base.options import described, options_of
 from mjframes.body.options import BuildOptions
 from mjframes.elasticity.law_table import LAWS
+from mjframes.scene.sensors import QUANTITIES
 from mjframes.volume.images import IMAGE_TYPES
 from mjframes.volume.meshes import MESH_TYPES
 
@@ -26,6 +27,15 @@ def laws() -> str:
     return "\n".join(["| law | constants |", "| --- | --- |", *rows])
 
 
+def sensors() -> str:
+    """Return what a sensor can measure as a table."""
+    rows = [
+        f"| `{name}` | {one.what} | {one.unit} | {one.values}{' per point' if one.reads else ''} |"
+        for name, one in QUANTITIES.items()
+    ]
+    return "\n".join(["| quantity | what it is | unit | values |", "| --- | --- | --- | --- |", *rows])
+
+
 def volume_formats() -> str:
     """Return the files that a volume is made of as a table."""
     kinds = {"label images": IMAGE_TYPES, "meshes": MESH_TYPES}
@@ -36,6 +46,7 @@ def volume_formats() -> str:
 TABLES = {
     ("options.md", "options"): options_of_build,
     ("options.md", "laws"): laws,
+    ("scenes.md", "sensors"): sensors,
     ("volumes.md", "formats"): volume_formats,
 }
 
