@@ -92,7 +92,7 @@ def add_sensor(
     if any(own == other.name for other in (*spec.sensors, *spec.plugins)):
         raise MjframesError(f"sensor_name is {own!r}, which the spec has already; give another one.")
     config = {"quantity": quantity}
-    if measured.reads is not None:
+    if points is not None and measured.reads is not None:
         at = material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points)
         if not len(at.offset):
             raise MjframesError("points has no point; a sensor needs one or more.")
