@@ -23,7 +23,7 @@ from mjframes.kinematics.monomials import exponents, monomials
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import elimination_tree
 from mjframes.volume.grid import Grid, voxel_grid
-from mjframes.weights.weights import voronoi_weights
+from mjframes.weights.voronoi import voronoi_weights
 
 
 class Model:
