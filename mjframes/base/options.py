@@ -37,6 +37,7 @@ class Option:
     reads: makes a value of a text. Without it and without choices the command line has no such option.
     metavar: what stands for the value there.
     instead_of: the option besides which it may not be given there.
+    repeated: whether it may be given several times there.
     """
 
     help: str
@@ -46,6 +47,7 @@ class Option:
     reads: Callable[[str], Any] | None = None
     metavar: str | None = None
     instead_of: str | None = None
+    repeated: bool = False
 
 
 def option(help: str, **more: Any) -> dict[str, Option]:
