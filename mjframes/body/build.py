@@ -18,8 +18,8 @@ from scipy import sparse
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import Notice, telling_memory
 from mjframes.base.options import taking
+from mjframes.body.adaptive import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.cost import announce
-from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, most_frames, place
 from mjframes.body.options import BuildOptions, Progress
@@ -40,7 +40,7 @@ from mjframes.volume.grid import Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
 from mjframes.whole_body.build import Condensed, finite_elements, whole_body
 from mjframes.whole_body.cells import Cells
-from mjframes.whole_body.contrast import firm_as_rigid
+from mjframes.whole_body.contrast import nearly_rigid_as_rigid
 
 
 class TurnWarning(UserWarning):
@@ -68,7 +68,7 @@ def build(options: BuildOptions) -> SoftBody:
     volume = _announced(options)
     progress("listing the voxels")
     if options.paper is None:
-        volume = firm_as_rigid(volume)
+        volume = nearly_rigid_as_rigid(volume)
     grid = voxel_grid(volume)
     metric_grid = evened(grid) if options.metric_of_frames == EVEN else grid
     cores, links = held_cores(grid, supports_of(options.supports))
