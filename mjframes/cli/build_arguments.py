@@ -112,7 +112,8 @@ def _add_volume(command: argparse._ActionsContainer) -> None:
         metavar="LABEL=NAME:KEY=VALUE,…",
         help="one for each label, unless the image carries them: "
         "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]; "
-        "1=silicone-00-30 of mjframes materials; default=… for all other labels; with --pieces LABEL is the name or "
+        "1=silicone-00-30 of mjframes materials; constants of a --law, as c10=2e3; "
+        "default=… for all other labels; with --pieces LABEL is the name or "
         "the number of a piece",
     )
     command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")
