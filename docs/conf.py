@@ -14,7 +14,7 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 project = "mjframes"
 html_title = "mjframes"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_design"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_design"]
 html_static_path = ["_pictures"]
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
@@ -43,7 +43,9 @@ def setup(app: Any) -> None:
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
     app.connect("include-read", lambda app, path, document, content: relink(content))
     app.connect("source-read", lambda app, document, content: relink(content))
-    app.connect("autodoc-process-docstring", lambda app, what, name, thing, options, lines: as_text(lines))
+    app.connect(
+        "autodoc-process-docstring", lambda app, what, name, thing, options, lines: as_text(lines), 400
+    )  # before napoleon
 
 
 def write_inline(translator: Any, node: nodes.math) -> None:
@@ -74,14 +76,22 @@ def relink(content: list[str]) -> None:
 
 
 def as_text(lines: list[str]) -> None:
-    """Turn a docstring of plain text into reStructuredText, a list item for each 'name: …' at the start of a line."""
+    """Turn a docstring of plain text into reStructuredText, a list item for each 'name: …' at the start of a line.
+
+    Sections of numpydoc, as "Parameters", are left to napoleon.
+    """
     text: list[str] = []
-    after_blank = True
+    after_blank, in_sections = True, False
     for line in lines:
         item = re.match(r"^[a-z_]\w*(?: \[[^]]*\])?(?:, [a-z_]\w*(?: \[[^]]*\])?)*: ", line)
         drawn = escaped(line)
         if item and text and not after_blank and not text[-1].startswith(("- ", "  ")):
             text.append("")
+        if re.fullmatch("-{3,}", line):
+            in_sections = True
+        if in_sections:
+            text.append(line[: len(line) - len(line.lstrip())] + escaped(line.lstrip()))
+            continue
         if line.startswith("    ") and after_blank:
             text += ["::", ""]
         if item:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from mjframes.base.options import described, options_of
 from mjframes.body.options import BuildOptions
+from mjframes.elasticity.law_table import LAWS
+from mjframes.scene.sensors import QUANTITIES
 from mjframes.volume.images import IMAGE_TYPES
 from mjframes.volume.meshes import MESH_TYPES
 
@@ -19,6 +21,21 @@ def options_of_build() -> str:
     return "\n".join(["| argument | what it is |", "| --- | --- |", *rows])
 
 
+def laws() -> str:
+    """Return the hyperelastic laws and their constants as a table."""
+    rows = [f"| `{name}` | {', '.join(f'`{constant}`' for constant in law.names)} |" for name, law in LAWS.items()]
+    return "\n".join(["| law | constants |", "| --- | --- |", *rows])
+
+
+def sensors() -> str:
+    """Return what a sensor can measure as a table."""
+    rows = [
+        f"| `{name}` | {one.what} | {one.unit} | {one.values}{' per point' if one.reads else ''} |"
+        for name, one in QUANTITIES.items()
+    ]
+    return "\n".join(["| quantity | what it is | unit | values |", "| --- | --- | --- | --- |", *rows])
+
+
 def volume_formats() -> str:
     """Return the files that a volume is made of as a table."""
     kinds = {"label images": IMAGE_TYPES, "meshes": MESH_TYPES}
@@ -26,7 +43,12 @@ def volume_formats() -> str:
     return "\n".join(["| files | types |", "| --- | --- |", *rows])
 
 
-TABLES = {("options.md", "options"): options_of_build, ("volumes.md", "formats"): volume_formats}
+TABLES = {
+    ("options.md", "options"): options_of_build,
+    ("options.md", "laws"): laws,
+    ("scenes.md", "sensors"): sensors,
+    ("volumes.md", "formats"): volume_formats,
+}
 
 
 def written(page: str, name: str, table: str) -> str:

@@ -140,7 +140,7 @@ def fit(young: Array, time: Array, recorded: Array, post: Post) -> tuple[Array, 
     quiet = {"verbose": False, "eps": STEP, "xtol": ENOUGH, "max_iters": 20, "mu_factor": 10.0}
     found, _ = sysid.optimize(parameters, misses, optimizer="mujoco", **quiet)
     factors = np.exp(found["factors"].value)
-    mf.scale(model, "post", dict(zip(LAYERS, factors, strict=True)))
+    mf.scale(model, "post", materials=dict(zip(LAYERS, factors, strict=True)))
     return young * factors, poked(model)[1]
 
 

@@ -135,6 +135,15 @@ def test_the_package_lists_its_stages_in_order() -> None:
     assert rows == ORDER
 
 
+def test_no_class_of_the_package_has_the_name_of_another() -> None:
+    homes: dict[str, list[str]] = {}
+    for module, path in modules(PACKAGE).items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                homes.setdefault(node.name, []).append(module)
+    assert not {name: found for name, found in homes.items() if len(found) > 1}
+
+
 def test_files_that_pages_name_are_there() -> None:
     pages = [
         PACKAGE / "README.md",

@@ -27,8 +27,8 @@ from mjframes.volume.grid import voxel_grid
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 from mjframes.whole_body.error import coordinates, load_cases
-from mjframes.whole_body.following import assembled, compliance
 from mjframes.whole_body.pushes import free_surface
+from mjframes.whole_body.weight_correction import assembled, compliance
 
 Array = NDArray[np.float64]
 

@@ -47,18 +47,43 @@ def record(
     keyframe: str | int | None = None,
     progress: bool = False,
 ) -> Recording:
-    """Step a scene from its initial state for `duration` [s] and record it.
+    """Step a scene from its initial state and record it.
 
-    ctrl: constant controls by the names of actuators, or a file with controls over time, .csv or .npy
-    (`app.control_table`).
-    keyframe: of the scene to start from, its name or number.
-    video, log, plot: files to write (.mp4, .mcap, .png), all of them or, where the run fails, none; `Log(…)` chooses
-    what is logged, and how often.
-    camera, fps, size: of the video, see `video.film`.  scene: what the model was compiled from, which goes into the log
-    with the files that it names; a log without it has no film later.
-    progress: show a bar on a terminal.
-    Warn (InstabilityWarning) once of each soft body that makes energy, grows or stays folded over.
-    Raises MjframesError for bad arguments, a scene the plugin refuses and a simulation that diverges.
+    Parameters
+    ----------
+    model
+        The compiled model.
+    duration
+        How long to simulate [s].
+    video, log, plot
+        Files to write (.mp4, .mcap, .png). All of them appear, or none if the run fails. A `Log` chooses what is
+        logged, and how often.
+    camera, fps, size
+        Camera, frames per second and size of the video, see `film`.
+    scene
+        The spec that the model was compiled from. It goes into the log with the files that it names; without it, no
+        film can be made of the log later.
+    ctrl
+        Constant controls by the names of actuators, or a file with controls over time (.csv or .npy).
+    keyframe
+        Name or number of the keyframe to start from.
+    progress
+        Whether to show a progress bar on a terminal.
+
+    Returns
+    -------
+    Recording
+        What was recorded.
+
+    Raises
+    ------
+    MjframesError
+        For arguments out of range, for a scene that the plugin refuses, and for a simulation that diverges.
+
+    Warns
+    -----
+    InstabilityWarning
+        Once for each soft body that gains energy from nothing, grows or stays folded over.
     """
     timestep = _checked_timestep(model, duration)
     controls = None if ctrl is None else control_table(model, ctrl)

@@ -94,11 +94,30 @@ def film(
     fps: float = 30.0,
     size: tuple[int, int] = (1280, 720),
 ) -> Iterator[Callable[[mujoco.MjData], None]]:
-    """A function that adds the present state as a frame; the file (.mp4, .mkv, .mov) appears when the block succeeds.
+    """Open a film, in a `with` block. The file appears when the block succeeds.
 
-    camera: name; the scene's first unless given, MuJoCo's free camera where there is none.
-    fps: frames a second.  size: (width, height) [pixels], even numbers.
-    Raises MjframesError for an unknown camera, a size or rate that cannot be, or where drawing or writing fails.
+    Parameters
+    ----------
+    model
+        The compiled model.
+    path
+        File (.mp4, .mkv or .mov).
+    camera
+        Name of a camera. The default is the scene's first one, or MuJoCo's free camera if there is none.
+    fps
+        Frames per second.
+    size
+        Width and height [pixels], even numbers.
+
+    Yields
+    ------
+    callable
+        Adds the state of an `MjData` as a frame.
+
+    Raises
+    ------
+    MjframesError
+        For an unknown camera, for a size or rate that cannot be, and if drawing or writing fails.
     """
     with movie(path, fps, size) as add, painter(model, camera, size) as paint:
         yield lambda data: add(paint(data))
@@ -110,11 +129,27 @@ def still(
     camera: str | mujoco.MjvCamera | None = None,
     size: tuple[int, int] = (1280, 720),
 ) -> NDArray[np.uint8]:
-    """Return a picture (height, width, 3) of the present state.
+    """Return a picture of the present state.
 
-    camera: name, or one from `look_from`; the scene's first unless given, MuJoCo's free camera where there is none.
-    size: (width, height) [pixels].
-    Raises MjframesError for an unknown camera, or where drawing fails.
+    Parameters
+    ----------
+    model, data
+        The compiled model and its state.
+    camera
+        Name of a camera, or one made by `look_from`. The default is the scene's first one, or MuJoCo's free camera if
+        there is none.
+    size
+        Width and height [pixels].
+
+    Returns
+    -------
+    array
+        Picture (height, width, 3) of 8-bit RGB.
+
+    Raises
+    ------
+    MjframesError
+        For an unknown camera, and if drawing fails.
     """
     view = camera if isinstance(camera, mujoco.MjvCamera) else find_camera(model, camera)
     renderer = make_renderer(model, *size)
@@ -126,8 +161,16 @@ def still(
 
 
 def look_from(lookat: Sequence[float], distance: float, azimuth: float, elevation: float) -> mujoco.MjvCamera:
-    """Return a camera at `distance` [m] from the point `lookat` (3,) [m], in a direction of two angles [degrees], for
-    `still`.
+    """Return a camera that looks at a point, for `still`.
+
+    Parameters
+    ----------
+    lookat
+        The point (3,) [m].
+    distance
+        Distance of the camera from it [m].
+    azimuth, elevation
+        Direction in which the camera looks [degrees], as in MuJoCo.
     """
     camera = mujoco.MjvCamera()
     camera.lookat[:] = lookat

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
-
-Law = Literal["green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"]
 
 
 @dataclass(frozen=True)
@@ -30,9 +27,6 @@ FRAME_TYPES = {
 }
 METHODS = WHOLE_BODY, PAPER = "whole_body", "paper"
 METRICS = EVEN, COMPLIANCE = "even", "compliance"  # geodesic distance within the body, and the paper's (5)
-WEIGHTS = VORONOI, HARMONIC, LINEAR = "voronoi", "harmonic", "linear"
 COROTATIONAL = "corotational"  # the linear law, Hooke's about a rotation
-LAWS: tuple[Law, ...] = get_args(Law)  # those for large strains
-ALL_LAWS = (COROTATIONAL, *LAWS)
 MASSES = LUMPED, CONSISTENT = "lumped", "consistent"
 MODES = IMPLICIT, EXPLICIT = "implicit", "explicit"

@@ -9,11 +9,11 @@ R = TypeVar("R")
 
 
 class MjframesError(ValueError):
-    """One sentence that names the argument or file, what is wrong with it and what would be right."""
+    """A mistake in the input. The message is one sentence: the argument or file, what is wrong, what would be right."""
 
 
 class Notice(UserWarning):
-    """One sentence on what a file does not say or is not, and how it was taken; the command line prints it."""
+    """The input is incomplete or unusual, and a default was assumed; the command line prints it."""
 
 
 def telling_memory(function: Callable[P, R]) -> Callable[P, R]:

@@ -37,6 +37,7 @@ class Option:
     reads: makes a value of a text. Without it and without choices the command line has no such option.
     metavar: what stands for the value there.
     instead_of: the option besides which it may not be given there.
+    repeated: whether it may be given several times there.
     """
 
     help: str
@@ -46,6 +47,7 @@ class Option:
     reads: Callable[[str], Any] | None = None
     metavar: str | None = None
     instead_of: str | None = None
+    repeated: bool = False
 
 
 def option(help: str, **more: Any) -> dict[str, Option]:
@@ -80,16 +82,21 @@ def taking(options: Callable[P, T]) -> Callable[[Callable[[T], R]], Callable[P, 
         result = inspect.signature(function).return_annotation
         called.__dict__["__signature__"] = inspect.signature(options).replace(return_annotation=result)
         if isinstance(options, type):
-            called.__doc__ = f"{inspect.getdoc(function)}\n\n{listed(options)}"
+            before, raises, after = str(inspect.getdoc(function)).partition("\nRaises\n")
+            called.__doc__ = f"{before.rstrip()}\n\n{listed(options)}\n{raises}{after}".rstrip()
         return called
 
     return decorate
 
 
 def listed(kind: type) -> str:
-    """Return the options of a dataclass as lines of a docstring."""
-    entries = (f"{some.name}: {described(some, said)}." for some, said in options_of(kind))
-    return "\n".join(line for entry in entries for line in textwrap.wrap(entry, 118, break_on_hyphens=False))
+    """Return the options of a dataclass as the section "Parameters" of a docstring."""
+    lines = ["Parameters", "----------"]
+    for some, said in options_of(kind):
+        text = described(some, said)
+        sentence = textwrap.wrap(f"{text[0].upper()}{text[1:]}.", 112, break_on_hyphens=False)
+        lines += [some.name, *(f"    {line}" for line in sentence)]
+    return "\n".join(lines)
 
 
 def described(some: Field[Any], said: Option) -> str:

@@ -18,8 +18,8 @@ from scipy import sparse
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import Notice, telling_memory
 from mjframes.base.options import taking
+from mjframes.body.adaptive import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.cost import announce
-from mjframes.body.fewest import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.fields import Fields
 from mjframes.body.frames import Frames, most_frames, place
 from mjframes.body.options import BuildOptions, Progress
@@ -34,17 +34,17 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.surface.contact_points import contact_points
 from mjframes.surface.dents import dents
 from mjframes.surface.distance_field import DistanceField, rest_distance_field
-from mjframes.surface.isosurface import kept_surface
+from mjframes.surface.isosurface import extract_surface, kept_surface
 from mjframes.surface.patches import group_patches
 from mjframes.volume.grid import Grid, evened, voxel_grid, with_materials
 from mjframes.volume.volume import Volume, require_connected
 from mjframes.whole_body.build import Condensed, finite_elements, whole_body
 from mjframes.whole_body.cells import Cells
-from mjframes.whole_body.contrast import firm_as_rigid
+from mjframes.whole_body.contrast import nearly_rigid_as_rigid
 
 
 class TurnWarning(UserWarning):
-    """A body that is free to turn has frames that cannot."""
+    """A body that nothing holds has frames that cannot turn."""
 
 
 @taking(BuildOptions)
@@ -52,14 +52,23 @@ class TurnWarning(UserWarning):
 def build(options: BuildOptions) -> SoftBody:
     """Build a soft body from a volume.
 
-    Raise MjframesError for a volume in several pieces, for values out of range and where memory will not do. Warn
-    (TurnWarning) of free bodies of point frames, and (Notice) of builds of more than a minute.
+    Raises
+    ------
+    MjframesError
+        For a volume in several pieces, for values out of range, and if the memory does not suffice.
+
+    Warns
+    -----
+    TurnWarning
+        If a body that nothing holds has frames that cannot turn.
+    Notice
+        If the build takes more than a minute, and how many frames were taken if nothing says how many.
     """
     progress = options.progress or (lambda stage: None)
     volume = _announced(options)
     progress("listing the voxels")
     if options.paper is None:
-        volume = firm_as_rigid(volume)
+        volume = nearly_rigid_as_rigid(volume)
     grid = voxel_grid(volume)
     metric_grid = evened(grid) if options.metric_of_frames == EVEN else grid
     cores, links = held_cores(grid, supports_of(options.supports))
@@ -83,7 +92,7 @@ def build(options: BuildOptions) -> SoftBody:
         difference = mass_difference(grid, metric_grid, elastic.shapes, elastic.region, elastic.stiffness)
 
     progress("attaching the surfaces")
-    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options.contact_reach)
+    skin, contact, field = _surfaces(volume, grid, elastic, len(chosen.types), options)
     return SoftBody(
         parent=chosen.tree.parent,
         types=chosen.types,
@@ -218,7 +227,7 @@ def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> F
 
 
 def _surfaces(
-    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, contact_reach: float | None
+    volume: Volume, grid: Grid, elastic: _Elastic, frames: int, options: BuildOptions
 ) -> tuple[Skin, ContactVertices, DistanceField]:
     """What is seen, what touches, and the signed distance of the rest shape, all moved by the control points."""
     shapes, condensed = elastic.shapes, elastic.condensed
@@ -228,10 +237,11 @@ def _surfaces(
     patches = group_patches(vertices.positions, vertices.normals @ volume.axes, weights, shapes.control)
     vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
-    skin = Skin(surface.vertices, surface.faces, surface.label, shapes.at(grid, surface.vertices))
+    drawn = extract_surface(volume, int(options.skin_vertices)) if options.skin_vertices else surface
+    skin = Skin(drawn.vertices, drawn.faces, drawn.label, shapes.at(grid, drawn.vertices))
     pushed, missing = (condensed.pushed, condensed.missing) if condensed else ((), None)
     below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
-    reach = float(np.min(volume.spacing)) / 2 if contact_reach is None else float(contact_reach)
+    reach = float(np.min(volume.spacing)) / 2 if options.contact_reach is None else float(options.contact_reach)
     contact = ContactVertices(
         vertices.positions, vertices.normals @ volume.axes, reach, patches.patch, patches.cluster, weights, below
     )

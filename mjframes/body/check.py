@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import sparse
 
-from mjframes.base.choices import ALL_LAWS, COROTATIONAL, METRICS, MODES
+from mjframes.base.choices import COROTATIONAL, METRICS, MODES
+from mjframes.elasticity.law_table import ALL_LAWS
 from mjframes.kinematics.control import POINTS
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from scipy import sparse
 
 from mjframes.volume.grid import Grid
 from mjframes.volume.volume import Volume
-from mjframes.whole_body.lifting import Lifting
+from mjframes.whole_body.modes import Lifting
 
 
 @dataclass(frozen=True, eq=False)

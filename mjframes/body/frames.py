@@ -18,7 +18,6 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import Tree, depth_first, frame_tree
 from mjframes.volume.grid import Grid
 from mjframes.weights.kernels import weights_of
-from mjframes.weights.weights import frame_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ def place(
     if len(types) == 1 and types[0] in ("point", "rigid"):
         raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
     _require_voxels(types, len(grid.index))
-    shares = frame_weights(metric, placement, weights_of(options.weights))
+    shares = weights_of(options.weights).at_voxels(metric, placement)
     regions = split_regions(grid, shares, options.paper.samples) if options.paper else None
     sets = regions.frames if regions else [np.flatnonzero(row).tolist() for row in frame_sets(shares)[1]]
     tree = frame_tree(sets, len(types), len(cores))

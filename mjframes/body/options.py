@@ -11,29 +11,28 @@ from numpy.typing import ArrayLike
 
 from mjframes.base import texts
 from mjframes.base.choices import (
-    ALL_LAWS,
     COMPLIANCE,
     COROTATIONAL,
     EVEN,
     FRAME_TYPES,
     IMPLICIT,
-    LAWS,
     MASSES,
     METHODS,
     METRICS,
     MODES,
     PAPER,
-    VORONOI,
     WHOLE_BODY,
 )
 from mjframes.base.errors import MjframesError
 from mjframes.base.options import option, require_choices
+from mjframes.elasticity.law_table import ALL_LAWS, LAWS
 from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
-from mjframes.weights.kernels import KERNELS, Weights, weights_of
+from mjframes.weights.kernels import KERNELS, VORONOI, Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
 REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
+LEAST_VERTICES = 100  # of a skin: with fewer it no longer has the body's shape
 FREEDOM = ", ".join(f"{name} {kind.freedom}" for name, kind in FRAME_TYPES.items())
 
 Progress = Callable[[str], None]
@@ -41,7 +40,13 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Paper:
-    """The paper's stiffness: a sum over at most `samples` regions, its integration samples."""
+    """The paper's method for the stiffness: sums over regions, its integration samples.
+
+    Parameters
+    ----------
+    samples
+        Largest number of integration samples.
+    """
 
     samples: int = field(
         default=10,
@@ -57,13 +62,13 @@ class BuildOptions:
     """
 
     volume: Volume | str | os.PathLike[str] = field(
-        metadata=option("what to build from: a `Volume`, or the file of one that has materials")
+        metadata=option("a `Volume`, or a file of one that contains its materials")
     )
     frames: int | None = field(
         default=None,
         metadata=option(
-            "how many frames; unless given, as many as frame_type has, or 3 by the paper's method, or the fewest of up "
-            "to 20 that keep an error of 15 % or come nearest to it",
+            "number of frames; the default is the smallest number up to 20 with an error below 15 %, or the one that "
+            "comes nearest; with a sequence of frame types as many as it has; 3 by the paper's method",
             reads=texts.count,
             metavar="N",
         ),
@@ -72,27 +77,28 @@ class BuildOptions:
     error: float | None = field(
         default=None,
         metadata=option(
-            "as many frames as it takes for this error, the larger of `BodyError` [-]: 0.05 for 5 %",
+            "take the fewest frames with an error below this, 0.05 for 5 % [-]; both errors of `BodyError` count",
             reads=texts.share,
             metavar="E",
             instead_of="frames",
         ),
     )
     at: ArrayLike | None = field(
-        default=None, metadata=option("places of the frames (f, 3), in volume coordinates [m]")
+        default=None,
+        metadata=option("positions of the frames (f, 3) in volume coordinates [m], in place of their number"),
     )
     supports: Support | Sequence[Support] = field(
         default=(),
         metadata=option(
-            "pieces that stand still in the body that the soft body is attached to, `Fixed`, or move with a named one, "
-            "`Attached`; each is a frame of its own, beside those asked for"
+            "pieces that stand still in the body that the soft body is attached to (`Fixed`), or move with a named one "
+            "(`Attached`); each piece is one more frame"
         ),
     )
     frame_type: str | Sequence[str] = field(
         default="affine",
         metadata=option(
-            f"of all frames, in Python also a sequence with one for each; degrees of freedom: {FREEDOM} (translations "
-            "only, for small rotations)",
+            f"type of all frames, in Python also a sequence with one for each; degrees of freedom: {FREEDOM} "
+            "(translations only, for small rotations)",
             choices=tuple(FRAME_TYPES),
             many=True,
         ),
@@ -100,8 +106,8 @@ class BuildOptions:
     method: str | Paper = field(
         default=WHOLE_BODY,
         metadata=option(
-            "how the frames get their stiffness: from finite elements on all voxels, one region a frame, or summed "
-            "over the paper's integration samples",
+            "how the frames get their stiffness: from finite elements on all voxels, or summed over the paper's "
+            "integration samples",
             choices=METHODS,
             kinds={PAPER: Paper},
         ),
@@ -109,50 +115,62 @@ class BuildOptions:
     metric: str | None = field(
         default=None,
         metadata=option(
-            "distance by which frames are spread: inside the body, or the paper's; that of the method unless given",
+            "distance by which frames are spread: within the body, or the paper's; the default depends on the method",
             choices=METRICS,
         ),
     )
     weights: str | Weights = field(
-        default=VORONOI, metadata=option("of the frames at the voxels", choices=tuple(KERNELS), kinds=KERNELS)
+        default=VORONOI,
+        metadata=option("how the frames share the voxels between them", choices=tuple(KERNELS), kinds=KERNELS),
     )
     law: str = field(
         default=COROTATIONAL,
         metadata=option(
-            f"of elasticity, all but {COROTATIONAL} for large strains; its constants are those of "
-            "`Material.law_constants`, the others follow from Young's modulus and Poisson's ratio",
+            f"law of elasticity; all but {COROTATIONAL} are for large strains, and take constants from "
+            "`Material.law_constants`; those that are missing follow from Young's modulus and Poisson's ratio",
             choices=ALL_LAWS,
         ),
     )
     mass: str | None = field(
         default=None,
         metadata=option(
-            "the mass matrix; unless given, consistent where all frames are affine or points", choices=MASSES
+            "mass matrix; the default is consistent if all frames are affine or points, or else lumped", choices=MASSES
         ),
     )
     mode: str = field(
         default=IMPLICIT,
         metadata=option(
-            "stable at any step, or without stiffness work for steps shorter than the stiffest vibration, and for RK4",
+            "implicit is stable at any step; explicit is cheaper, for steps shorter than the stiffest vibration and "
+            "for RK4",
             choices=MODES,
         ),
     )
     damping: tuple[float, float] = field(
-        default=(0.0, 0.0), metadata=option("Rayleigh's α [1/s] and β [s]", reads=texts.rates, metavar="ALPHA,BETA")
+        default=(0.0, 0.0),
+        metadata=option("Rayleigh damping α [1/s] and β [s]", reads=texts.rates, metavar="ALPHA,BETA"),
     )
     contact_reach: float | None = field(
         default=None,
         metadata=option(
-            "what is higher than the deepest point of a contact by this or more has no share in it [m], half a voxel "
-            "unless given",
+            "height above the deepest point of a contact beyond which a vertex has no share in it [m]; the default is "
+            "half a voxel",
             reads=texts.length,
             metavar="LENGTH",
         ),
     )
-    seed: int = field(default=0, metadata=option("of the frame placement", reads=texts.seed, metavar="N"))
+    skin_vertices: int | None = field(
+        default=None,
+        metadata=option(
+            "about how many vertices the drawn skin has, 100 or more; the default is 5000; contact does not depend on "
+            "it",
+            reads=texts.count,
+            metavar="N",
+        ),
+    )
+    seed: int = field(default=0, metadata=option("seed of the frame placement", reads=texts.seed, metavar="N"))
     progress: Progress | None = field(
         default=None,
-        metadata=option('called with the name of each stage, and as "stage: 25%" within long ones'),
+        metadata=option('function that is called with the name of each stage, and as "stage: 25%" within long ones'),
     )
 
     def __post_init__(self) -> None:
@@ -172,6 +190,7 @@ class BuildOptions:
         self._check_number_of_frames()
         self._check_damping()
         self._check_reach(float(REACH_LIMIT * np.min(self.volume.spacing)))
+        self._check_skin()
         self._check_law(self.volume)
 
     @property
@@ -231,6 +250,12 @@ class BuildOptions:
                 f"{most:g} m."
             )
 
+    def _check_skin(self) -> None:
+        count = self.skin_vertices
+        is_count = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+        if count is not None and not (is_count and count >= LEAST_VERTICES):
+            raise MjframesError(f"skin_vertices is {count!r}; it must be a whole number from {LEAST_VERTICES} on.")
+
     def _check_law(self, volume: Volume) -> None:
         if self.law != COROTATIONAL:
             if "point" in self.frame_type:
@@ -244,5 +269,5 @@ class BuildOptions:
                 raise MjframesError(
                     f"material {material.name or label!r} has law_constants {dict(material.law_constants)!r}, but the "
                     f"corotational law has none but those of Young's modulus and Poisson's ratio; leave them out, or "
-                    f"choose law={LAWS[1]!r} or another."
+                    f"choose law={list(LAWS)[1]!r} or another."
                 )

@@ -71,23 +71,42 @@ class ContactVertices:
 
 @dataclass(frozen=True, eq=False)
 class SoftBody:
-    """Everything a scene needs of a soft body. k control points, f frames, r regions.
+    """A soft body as `build` returns it: everything that a scene needs of it.
 
-    parent: (f,) parent frame in the elimination tree, −1 for the root; frames are numbered depth first.
-    types: (f,) of the frames.
-    links: names of the bodies that hold the first so many frames, "" for the one that the soft body is attached to.
-    control: its points.
-    stiffness: of its regions, at rest.
-    law: of its elasticity.
-    law_constants: (t, 3) of each material of the grid's table, for a law other than "corotational".
-    cells, quadrature: where that is evaluated, by the whole body and by the paper's method.
-    mass_difference: consistent minus lumped mass matrix of each region (m, m) [kg], none for lumped mass.
-    mode: "implicit" or "explicit".
-    skin, contact: its surfaces.
-    distance_field: signed distance of its rest shape, for contact.
-    damping: Rayleigh's (α [1/s], β [s]).
-    error: against finite elements, None for the paper's method.
-    fields: what is known at each voxel.
+    It has k control points, f frames and r regions. You rarely make one yourself.
+
+    Parameters
+    ----------
+    parent
+        Parent (f,) of each frame in the elimination tree, −1 for the root. Frames are numbered depth first.
+    types
+        Type (f,) of each frame.
+    links
+        Names of the bodies that hold the first frames, one each, "" for the body that the soft body is attached to.
+    control
+        The control points.
+    stiffness
+        Stiffness of the regions at rest.
+    law
+        Name of the law of elasticity.
+    law_constants
+        Constants (t, 3) of each material of the grid's table, for a law other than "corotational".
+    cells, quadrature
+        Where that law is evaluated, by the whole body's method and by the paper's.
+    mass_difference
+        Consistent minus lumped mass matrix (m, m) of each region [kg]. It is empty for lumped mass.
+    mode
+        "implicit" or "explicit".
+    skin, contact
+        The surface that is drawn, and the spheres that touch.
+    distance_field
+        Signed distance of the rest shape, for contact.
+    damping
+        Rayleigh's α [1/s] and β [s].
+    error
+        Estimated error against finite elements, None for the paper's method.
+    fields
+        Values at each voxel.
     """
 
     parent: np.ndarray

@@ -8,11 +8,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import NoReturn
 
-from mjframes.app.collect.plan import CONTROLS
 from mjframes.app.log.options import TOPICS
 from mjframes.base import texts
 from mjframes.base.errors import MjframesError
 from mjframes.cli.lengths import direction, indenter
+from mjframes.cli.options import add_options
 
 NEGATIVE = re.compile(r"-([xyz](:.*)?|[0-9.].*)")  # a value that begins as an option does
 
@@ -133,41 +133,13 @@ def _add_press(command: argparse.ArgumentParser) -> None:
 
 
 def _add_collect(command: argparse.ArgumentParser) -> None:
+    from mjframes.app.collect.options import CollectOptions
+
     command.add_argument("scene", metavar="SCENE", help="MJCF file (.xml)")
-    command.add_argument("--worlds", type=texts.count, required=True, metavar="N", help="how many")
-    command.add_argument("--seconds", type=texts.factor, default=3.0, metavar="S", help="of each (default %(default)s)")
     command.add_argument(
         "--out", required=True, metavar="FOLDER", help="new, empty, or of the same collection, which then goes on"
     )
-    command.add_argument(
-        "--vary",
-        type=texts.bounds,
-        action="append",
-        default=[],
-        metavar="BODY.WHAT=LOW:HIGH",
-        help="what each world draws: a material, stiffness, alpha, beta [factors]; x, y, z [m], roll, pitch, yaw "
-        "[degrees] of the start; steak.flesh=0.5:2",
-    )
-    command.add_argument(
-        "--push", type=texts.bounds, action="append", default=[], metavar="BODY=LOW:HIGH",
-        help="a force [N] of a tenth of a second, its direction, place and time drawn: steak=0:5",
-    )  # fmt: skip
-    command.add_argument(
-        "--control", choices=CONTROLS, default="none", help="of the actuators, in their ranges (default %(default)s)"
-    )
-    command.add_argument(
-        "--rate", type=texts.factor, default=30.0, metavar="HZ", help="entries a simulated second (default %(default)s)"
-    )
-    command.add_argument("--seed", type=texts.seed, default=0, metavar="N", help="of all draws (default %(default)s)")
-    command.add_argument(
-        "--shard", type=texts.count, default=128, metavar="N", help="worlds in a file (default %(default)s)"
-    )
-    command.add_argument(
-        "--threads", type=texts.count, metavar="N", help="(default: one a processor, on a cluster one a shard)"
-    )
-    command.add_argument(
-        "--ray", metavar="ADDRESS", help="of a Ray cluster that computes the shards; local for one of this machine"
-    )
+    add_options(command, CollectOptions)
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from typing import Any
 
 from mjframes.base import texts
 from mjframes.base.constants import UP
 from mjframes.base.errors import MjframesError
-from mjframes.base.options import Option, default_text, options_of
 from mjframes.body.options import BuildOptions
 from mjframes.cli.fixed import FORMS, chosen
+from mjframes.cli.options import add_options, spoken
 from mjframes.volume.images import IMAGE_TYPES
 from mjframes.volume.meshes import MESH_TYPES
 
@@ -39,10 +38,11 @@ def add_build(command: argparse.ArgumentParser) -> None:
 def given(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of `build` that the command line has. Raise MjframesError for those of another choice."""
     found = {}
-    for name, said in _options():
+    for some, said in spoken(BuildOptions):
+        name = some.name
         found[name] = getattr(arguments, name)
         for choice, kind in said.kinds.items():
-            own = {one.name: getattr(arguments, one.name) for one, of_kind in options_of(kind) if of_kind.reads}
+            own = {one.name: getattr(arguments, one.name) for one, _ in spoken(kind)}
             own = {key: value for key, value in own.items() if value is not None}
             if own and found[name] != choice:
                 raise MjframesError(
@@ -53,13 +53,8 @@ def given(arguments: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def _options() -> Iterator[tuple[str, Option]]:
-    """Those that a text can say, and their names."""
-    return ((some.name, said) for some, said in options_of(BuildOptions) if said.reads or said.choices)
-
-
 def _add_body(command: argparse._ActionsContainer) -> None:
-    """Add what is glued, an option a field, and one for each field of what a choice may be given as."""
+    """Add what is glued, and the options of `build`."""
     command.add_argument(
         "--fixed",
         type=chosen,
@@ -68,27 +63,7 @@ def _add_body(command: argparse._ActionsContainer) -> None:
         metavar="WHERE",
         help=f"what is glued to --parent: {FORMS}, within that distance of its geoms; repeatable",
     )
-    instead = {said.instead_of for _, said in options_of(BuildOptions)}
-    exclusive = {name: command.add_mutually_exclusive_group() for name in instead if name}
-    for some, said in options_of(BuildOptions):
-        if said.reads or said.choices:
-            group = exclusive.get(said.instead_of or some.name, command)
-            _add_option(group, some.name, said, some.default, default_text(some))
-        for kind in said.kinds.values():
-            for own, of_kind in options_of(kind):
-                if of_kind.reads:
-                    _add_option(command, own.name, of_kind, None, default_text(own))
-
-
-def _add_option(command: argparse._ActionsContainer, name: str, said: Option, default: object, shown: str) -> None:
-    command.add_argument(
-        f"--{name.replace('_', '-')}",
-        type=said.reads or str,
-        choices=said.choices or None,
-        default=default,
-        metavar=said.metavar,
-        help=(said.help + (f" (default {shown})" if shown else "")).replace("%", "%%"),
-    )
+    add_options(command, BuildOptions)
 
 
 def _add_scene(command: argparse._ActionsContainer) -> None:
@@ -137,7 +112,8 @@ def _add_volume(command: argparse._ActionsContainer) -> None:
         metavar="LABEL=NAME:KEY=VALUE,…",
         help="one for each label, unless the image carries them: "
         "1=flesh:young=3e4,poisson=0.45,density=1050 or 2=bone:rigid,density=1900; [Pa], [kg/m³]; "
-        "1=silicone-00-30 of mjframes materials; default=… for all other labels; with --pieces LABEL is the name or "
+        "1=silicone-00-30 of mjframes materials; constants of a --law, as c10=2e3; "
+        "default=… for all other labels; with --pieces LABEL is the name or "
         "the number of a piece",
     )
     command.add_argument("--materials", metavar="FILE.yaml", help="the same for several labels, in a file")

@@ -209,25 +209,14 @@ def press(arguments: argparse.Namespace) -> int:
 
 def collect(arguments: argparse.Namespace) -> int:
     """Step many worlds of a scene; write shards and a table."""
+    from mjframes.app.collect.options import CollectOptions
     from mjframes.app.collect.run import collect as collect_worlds
+    from mjframes.cli.options import spoken
 
     start = time.perf_counter()
     with printed_notices():
-        found = collect_worlds(
-            arguments.scene,
-            arguments.out,
-            worlds=arguments.worlds,
-            seconds=arguments.seconds,
-            vary=arguments.vary,
-            push=arguments.push,
-            control=arguments.control,
-            rate=arguments.rate,
-            seed=arguments.seed,
-            shard=arguments.shard,
-            threads=arguments.threads,
-            ray=arguments.ray,
-            progress=True,
-        )
+        given = {some.name: getattr(arguments, some.name) for some, _ in spoken(CollectOptions)}
+        found = collect_worlds(arguments.scene, arguments.out, **given, progress=True)
     early = f", {found.ended} of them end early, see worlds.csv" if found.ended else ""
     seconds = time.perf_counter() - start
     print(f"{found.folder}: {found.worlds} worlds in {len(found.shards)} shards{early}, {seconds:.1f} s")

@@ -19,15 +19,18 @@ import numpy as np
 import yaml
 
 from mjframes.base.errors import MjframesError, Notice
+from mjframes.elasticity.law_table import LAWS
 from mjframes.volume.images import read_image
 from mjframes.volume.label_names import label_names
 from mjframes.volume.library import LIBRARY
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES, MeshLike
 from mjframes.volume.pieces import chosen_piece
-from mjframes.volume.volume import VOXELS, Volume, occurring
+from mjframes.volume.spacing import VOXELS
+from mjframes.volume.volume import Volume, occurring
 from mjframes.volume.voxelize import LENGTHS
 
+CONSTANTS = {name for law in LAWS.values() for name in law.names}  # of laws for large strains
 MOST_LABELS = 1000  # of an image that has materials, not intensities
 
 
@@ -240,15 +243,18 @@ def _material(where: str, values: Mapping[Any, Any]) -> Material:
     values = _completed(values)
     rigid = values.get("rigid", False)
     wanted = {"density"} if rigid else {"young", "poisson", "density"}
-    given = set(values) - {"name", "rgba", "rigid"}
+    constants = set() if rigid else set(values) & CONSTANTS
+    given = set(values) - {"name", "rgba", "rigid"} - constants
     if given != wanted or not isinstance(rigid, bool):
         raise MjframesError(
             f"{where} has {', '.join(sorted(map(str, given))) or 'no values'}; it needs young [Pa], poisson and "
-            "density [kg/m³], or rigid and density, or a name that `mjframes materials` lists."
+            "density [kg/m³], or rigid and density, or a name that `mjframes materials` lists; with --law also "
+            f"{', '.join(sorted(CONSTANTS))}."
         )
     name = str(values.get("name") or "")
     try:
         numbers = {key: _number(values[key]) for key in wanted}
+        of_law = {key: _number(values[key]) for key in sorted(constants)}
         rgba = tuple(map(_number, values.get("rgba", ())))
         if len(rgba) not in (0, 3, 4):
             raise ValueError(rgba)
@@ -258,7 +264,9 @@ def _material(where: str, values: Mapping[Any, Any]) -> Material:
         if rigid:
             material = Material.rigid(numbers["density"], name=name)
         else:
-            material = Material(numbers["young"], numbers["poisson"], numbers["density"], name=name)
+            material = Material(
+                numbers["young"], numbers["poisson"], numbers["density"], name=name, law_constants=of_law
+            )
         if not rgba:
             return material
         red, green, blue, alpha = (*rgba, 1.0)[:4]

@@ -2,8 +2,8 @@
 
     reward = min(1, max(0, z − z₀) / LIFT)      z: height of the steak's centre of mass
 
-`Arrays` are those of an `mjData` or of a `mujoco.batch.Batch`, whose leading axis is that of its worlds; a world gives
-the same bits alone and among others. dm_control's task and Gymnasium's environments are made of these functions.
+`DataArrays` are those of an `mjData` or of a `mujoco.batch.Batch`, whose leading axis is that of its worlds; a world
+gives the same bits alone and among others. dm_control's task and Gymnasium's environments are made of these functions.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SPREAD = {"place": 0.01, "yaw": 0.2, "joint": 0.02}  # [m], [rad], [rad]: half w
 SOFTEST, STIFFEST = 0.5, 2.0  # [-] factors of the moduli, drawn evenly in their logarithm
 
 
-class Arrays(Protocol):
+class DataArrays(Protocol):
     """Of `mjData`, or of many worlds."""
 
     qpos: Any
@@ -111,23 +111,23 @@ def starting(model: mujoco.MjModel, at: Layout, random: Uniform) -> Start:
     return Start(qpos, float(np.exp(random.uniform(np.log(SOFTEST), np.log(STIFFEST)))))
 
 
-def reward(at: Layout, data: Arrays) -> Array:
+def reward(at: Layout, data: DataArrays) -> Array:
     """Return how far the steak is lifted (…): 0 where it lay, 1 from LIFT on; linear in between."""
     height = at.steak.centre_of_mass(data.sensordata)[..., 2]
     return np.clip((height - 2 * BLOCK[2] - THICKNESS) / LIFT, 0.0, 1.0)
 
 
-def _arm_angles(at: Layout, data: Arrays) -> Array:
+def _arm_angles(at: Layout, data: DataArrays) -> Array:
     angles = data.qpos[..., at.arm]
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)  # most joints may turn round and round
 
 
-def _arm_torques(at: Layout, data: Arrays) -> Array:
+def _arm_torques(at: Layout, data: DataArrays) -> Array:
     torque = (data.sensordata[..., at.torque] * at.axis).sum(axis=-1)
     return np.sign(torque) * np.log1p(np.abs(torque))
 
 
-PROPRIOCEPTION: dict[str, Callable[[Layout, Arrays], Array]] = {
+PROPRIOCEPTION: dict[str, Callable[[Layout, DataArrays], Array]] = {
     "arm_angles": _arm_angles,  # 12: sines, cosines
     "arm_velocities": lambda at, data: data.qvel[..., at.arm_dof],  # 6 [rad/s]
     "arm_torques": _arm_torques,  # 6: sign(τ) log(1 + |τ|), τ in N m
@@ -136,7 +136,7 @@ PROPRIOCEPTION: dict[str, Callable[[Layout, Arrays], Array]] = {
     "pinch_position": lambda at, data: data.site_xpos[..., at.pinch, :],  # 3 [m]
     "pinch_axes": lambda at, data: data.site_xmat[..., at.pinch, :],  # 9
 }
-STEAK: dict[str, Callable[[Layout, Arrays], Array]] = {
+STEAK: dict[str, Callable[[Layout, DataArrays], Array]] = {
     "steak_frames": lambda at, data: at.steak.frame_positions(data.sensordata),  # f × 3 [m]
     "steak_velocities": lambda at, data: at.steak.frame_velocities(data.sensordata),  # f × 3 [m/s]
     "steak_contact": lambda at, data: at.steak.contact_force(data.sensordata),  # 3 [N]
@@ -144,7 +144,7 @@ STEAK: dict[str, Callable[[Layout, Arrays], Array]] = {
 FEATURES = PROPRIOCEPTION | STEAK
 
 
-def features(at: Layout, data: Arrays) -> Array:
+def features(at: Layout, data: DataArrays) -> Array:
     """Return all features (…, n), in the order of `FEATURES`."""
     leading = data.qpos.shape[:-1]
     return np.concatenate([feature(at, data).reshape(*leading, -1) for feature in FEATURES.values()], axis=-1)

@@ -118,9 +118,10 @@ class SoftEntity(composer.Entity):
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Draw material and pose, of those that the constructor was given. Nothing adds up over episodes."""
         drawn = {key: variation.evaluate(some, random_state=random_state) for key, some in self._varied.items()}
-        given = {key: value for key, value in drawn.items() if value is not None}
-        if given:
-            scale(physics.model.ptr, self.full_name, **given)
+        stiffness = drawn["stiffness"]
+        single = stiffness if isinstance(stiffness, Mapping) else None
+        common = None if isinstance(stiffness, Mapping) else stiffness
+        scale(physics.model.ptr, self.full_name, common, materials=single, damping=drawn["damping"])
         if self._position is not None or self._quaternion is not None:
             pose = (variation.evaluate(some, random_state=random_state) for some in (self._position, self._quaternion))
             self.set_pose(physics, *pose)

@@ -10,13 +10,13 @@ Green and Lagrange's. Since Σ_i w_i = 1, uniform deformations are exact at ever
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mjframes.base.choices import COROTATIONAL, Law
+from mjframes.base.choices import COROTATIONAL
 from mjframes.base.errors import MjframesError
 from mjframes.base.threads import in_parallel
 from mjframes.elasticity.laws import LawParameters, law_parameters
@@ -115,7 +115,7 @@ def parameters(law: str, grid: Grid) -> tuple[LawParameters, ...]:
 
     Raise MjframesError for constants that the law cannot have.
     """
-    return () if law == COROTATIONAL else tuple(law_parameters(cast(Law, law), material) for material in grid.table)
+    return () if law == COROTATIONAL else tuple(law_parameters(law, material) for material in grid.table)
 
 
 def _linear_weights(

@@ -23,7 +23,7 @@ Progress = Callable[[int, int], None]  # is called with the batches done and how
 R = TypeVar("R")
 
 
-class Batch(Workspace):
+class LoadBatch(Workspace):
     """Memory to solve for k columns, flat (N, 3, k): the preconditioner's, a residual, a direction and a solution."""
 
     def __init__(self, levels: Levels) -> None:
@@ -37,14 +37,14 @@ class Batch(Workspace):
 
 
 def in_rounds(
-    levels: Levels, count: int, work: Callable[[Batch, int], R], report: Callable[[], None]
-) -> Iterator[list[tuple[Batch, R]]]:
+    levels: Levels, count: int, work: Callable[[LoadBatch, int], R], report: Callable[[], None]
+) -> Iterator[list[tuple[LoadBatch, R]]]:
     """Do `work` on batches 0 to `count` − 1; yield the results, a list for those that ran at a time, with their memory.
 
     Which batches share a round does not change a result. report: is called after each batch.
     """
     room = max(1, int(MEMORY / levels.memory))
-    batches = [Batch(levels) for _ in range(min(workers(), room, count))]
+    batches = [LoadBatch(levels) for _ in range(min(workers(), room, count))]
     for start in range(0, count, max(len(batches), 1)):
         pairs = list(zip(batches, range(start, count), strict=False))
         results = []

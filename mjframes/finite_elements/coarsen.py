@@ -35,7 +35,7 @@ class Rows(NamedTuple):
     item: Ints
 
 
-class Cells(NamedTuple):
+class LevelCells(NamedTuple):
     """Sets of nodes that interact.
 
     node: (c lists).
@@ -63,11 +63,11 @@ class Coarsening(NamedTuple):
     weight: NDArray[np.float64]
     child: Rows
     position: Ints
-    cells: Cells
+    cells: LevelCells
     into: Ints
 
 
-def coarsened(position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float = WEAK) -> Coarsening:
+def coarsened(position: Ints, cells: LevelCells, held: NDArray[np.bool_], weak: float = WEAK) -> Coarsening:
     """Return the next coarser level of nodes at `position` (N, 3) ≥ 0, of which those where `held` (N,) do not move.
 
     weak: [-] to the stiffest modulus around a node, the least of a cell that connects it.
@@ -96,7 +96,7 @@ def coarsened(position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float
     )
     c, total = count
     node = Rows(start[: c + 1].copy(), item[:total].copy())
-    coarse_cells = Cells(node, modulus[:c].copy(), coarse_place[:c].copy())
+    coarse_cells = LevelCells(node, modulus[:c].copy(), coarse_place[:c].copy())
     return Coarsening(parent, weight, transposed(parent, len(coarse)), coarse, coarse_cells, into)
 
 
@@ -106,7 +106,7 @@ def transposed(rows: Rows, count: int) -> Rows:
     return Rows(pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32))
 
 
-def neighbours(cells: Cells, count: int) -> Rows:
+def neighbours(cells: LevelCells, count: int) -> Rows:
     """Return for each of `count` nodes those that share a cell with it, itself too, ascending."""
     pattern = _pattern(cells.node, count)
     shared = sparse.csr_array(pattern.T @ pattern)
@@ -121,7 +121,7 @@ def _pattern(rows: Rows, count: int) -> sparse.csr_array:
 
 
 def _parents(
-    position: Ints, cells: Cells, held: NDArray[np.bool_], weak: float
+    position: Ints, cells: LevelCells, held: NDArray[np.bool_], weak: float
 ) -> tuple[Rows, NDArray[np.float64], Ints]:
     """The parents of each node, their weights, and the positions of the coarse nodes (N', 3)."""
     touch = transposed(cells.node, len(position))

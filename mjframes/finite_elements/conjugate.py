@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.finite_elements import kernels
-from mjframes.finite_elements.batch import Batch
+from mjframes.finite_elements.batch import LoadBatch
 from mjframes.finite_elements.cycle import precondition
 from mjframes.finite_elements.levels import Levels
 from mjframes.finite_elements.matrices import Floats, Lanes
@@ -25,7 +25,7 @@ MOST_STEPS = 400  # several times what any body has needed
 Array = NDArray[np.float64]
 
 
-def solve(levels: Levels, batch: Batch, tolerance: float, energy: Callable[[Floats], Array] | None = None) -> int:
+def solve(levels: Levels, batch: LoadBatch, tolerance: float, energy: Callable[[Floats], Array] | None = None) -> int:
     """Solve A x = r for the solution x of a batch, and return the number of steps.
 
     batch: its residual r is the right-hand side, and in the end what is left of it; its direction is overwritten.

@@ -8,7 +8,7 @@ from scipy import sparse
 from threadpoolctl import threadpool_limits
 
 from mjframes.finite_elements import conjugate
-from mjframes.finite_elements.batch import Batch, Progress, in_rounds, multiply, reporter
+from mjframes.finite_elements.batch import LoadBatch, Progress, in_rounds, multiply, reporter
 from mjframes.finite_elements.solver import BodySolver
 
 TOLERANCE = 0.02  # [-] in the energy norm
@@ -32,7 +32,7 @@ def displacements(
     to_nodes = sparse.csr_array(solver.centre.T)
     moved = np.empty((n, 3, count), np.float32)
 
-    def solve(batch: Batch, number: int) -> None:
+    def solve(batch: LoadBatch, number: int) -> None:
         some = slice(number * k, min((number + 1) * k, count))
         values = np.zeros((n, 3, k), levels.dtype)
         values[:, :, : some.stop - some.start] = forces[:, :, some]

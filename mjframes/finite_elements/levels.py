@@ -13,7 +13,7 @@ from scipy import linalg, sparse
 
 from mjframes.base.linear import unit_diagonal
 from mjframes.base.rigid import rigid_motions, size_of
-from mjframes.finite_elements.coarsen import Cells, Coarsening, Rows, coarsened
+from mjframes.finite_elements.coarsen import Coarsening, LevelCells, Rows, coarsened
 from mjframes.finite_elements.element import brick_stiffness, coefficients
 from mjframes.finite_elements.galerkin import Blocks, from_blocks, from_bricks
 from mjframes.finite_elements.matrices import BlockRows, Bricks, Floats, Matrix
@@ -116,7 +116,7 @@ def _coarse_matrices(mesh: Mesh, stiffness: Array, modulus: Array) -> tuple[list
     low = mesh.position.min(axis=0)
     position, held = mesh.position - low, mesh.held_by >= 0
     corners = Rows(8 * np.arange(len(mesh.corner) + 1), mesh.nodes.ravel())
-    cells = Cells(corners, modulus[mesh.material], mesh.place - low)
+    cells = LevelCells(corners, modulus[mesh.material], mesh.place - low)
     coarsenings: list[Coarsening] = []
     matrices: list[Blocks] = []
     while len(position) > FEW:

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.finite_elements import conjugate, kernels
-from mjframes.finite_elements.batch import Array, Batch, Progress, averages, in_rounds, reporter
+from mjframes.finite_elements.batch import Array, LoadBatch, Progress, averages, in_rounds, reporter
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.solver import BodySolver
 
@@ -101,7 +101,7 @@ def _solve(solver: BodySolver, given: Floats, tolerance: float, progress: Progre
     levels, k, count = solver.levels, solver.levels.columns, given.shape[2]
     fields, forces = (np.empty((3 * levels.nodes, count)) for _ in range(2))
 
-    def solve(batch: Batch, number: int) -> None:
+    def solve(batch: LoadBatch, number: int) -> None:
         some = slice(number * k, min((number + 1) * k, count))
         used = some.stop - some.start
         prescribed = np.zeros((3 * levels.nodes, k), levels.dtype)

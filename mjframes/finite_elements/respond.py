@@ -26,7 +26,7 @@ from mjframes.base.threads import in_parallel
 from mjframes.finite_elements import conjugate
 from mjframes.finite_elements.batch import (
     Array,
-    Batch,
+    LoadBatch,
     Progress,
     averages,
     in_rounds,
@@ -119,7 +119,7 @@ def _cycles(solver: BodySolver, forces: sparse.csr_array, count: int, report: Ca
     """S₀ of the `count` columns."""
     k, columns = solver.levels.columns, np.eye(count)
 
-    def improve(batch: Batch, number: int) -> Array:
+    def improve(batch: LoadBatch, number: int) -> Array:
         load(forces, _batch(columns, number, k), batch.r[0])
         return moments(forces, precondition(solver.levels, batch), k)
 
@@ -149,7 +149,7 @@ def _solve(
     energies = np.zeros((len(x) * k,) * 2)
     work = np.zeros((len(combinations), len(x) * k))
 
-    def improve(batch: Batch, number: int) -> None:
+    def improve(batch: LoadBatch, number: int) -> None:
         chosen = _batch(combinations, number, k)
         load(forces, chosen, batch.residual)
         conjugate.solve(solver.levels, batch, tolerance)
@@ -160,7 +160,7 @@ def _solve(
         load(forces, chosen, batch.direction)
         batch.direction -= batch.residual  # A x
 
-    def pair(batch: Batch, number: int) -> None:
+    def pair(batch: LoadBatch, number: int) -> None:
         here = slice(number * k, (number + 1) * k)
         for other in range(number + 1):
             there = slice(other * k, (other + 1) * k)
@@ -191,7 +191,7 @@ def _shares(
         bricks = levels.finest._replace(coefficients=levels.finest.coefficients * group[:, None].astype(levels.dtype))
         energies = np.zeros((len(fields) * k,) * 2)
 
-        def pair(batch: Batch, number: int, bricks: Bricks = bricks, energies: Array = energies) -> None:
+        def pair(batch: LoadBatch, number: int, bricks: Bricks = bricks, energies: Array = energies) -> None:
             batch.solution[:] = fields[number]
             batch.residual[:] = 0
             bricks.subtract(batch.solution, batch.residual, batch.scratch[0], batch.lanes)

@@ -19,14 +19,29 @@ PARENT = ""  # as the name of a link: the body that the soft body is attached to
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """The voxels inside the volume where `mask` (nx, ny, nz) holds; they stand still in the parent body."""
+    """Voxels that stand still in the body that the soft body is attached to.
+
+    Parameters
+    ----------
+    mask
+        Array (nx, ny, nz) of the volume's shape, true for the voxels that are held. Voxels outside the volume do not
+        count. `Volume.side`, `Volume.in_box`, `Volume.with_label` and `mjframes.near` make such masks.
+    """
 
     mask: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Attached:
-    """The voxels inside the volume where `mask` (nx, ny, nz) holds; they move with the scene's body `link`."""
+    """Voxels that move with a named body of the scene.
+
+    Parameters
+    ----------
+    link
+        Name of the body of the scene.
+    mask
+        Array (nx, ny, nz) of the volume's shape, true for the voxels that move with it, as for `Fixed`.
+    """
 
     link: str
     mask: NDArray[np.bool_]

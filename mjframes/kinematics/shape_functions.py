@@ -1,8 +1,8 @@
 """The control weights W_j = w_i φ_j + ΔW_j, anywhere in the material: x(p̄) = Σ_j W_j(p̄) x_j (the paper, equation (3)).
 
 w_i and ΔW are known at the voxels, and trilinear between voxels with the same frames; φ_j are polynomials. ΔW makes the
-weights follow the body (`whole_body.following`); as Σ_j ΔW_j = 0 and Σ_j ΔW_j x̄_j = 0 at every voxel, interpolation
-keeps what w_i φ_j reproduce. The paper's own weights have none.
+weights follow the body (`whole_body.weight_correction`); as Σ_j ΔW_j = 0 and Σ_j ΔW_j x̄_j = 0 at every voxel,
+interpolation keeps what w_i φ_j reproduce. The paper's own weights have none.
 """
 
 from __future__ import annotations

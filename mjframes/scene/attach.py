@@ -34,22 +34,30 @@ from mjframes.volume.material import is_number
 
 
 class BranchWarning(UserWarning):
-    """A soft body couples branches of the kinematic tree that MuJoCo's inertia matrix does not."""
+    """A soft body connects branches of the kinematic tree that MuJoCo's inertia matrix does not couple."""
 
 
 class FloatWarning(Notice):
-    """A soft body of which nothing is fixed is put into a body that moves: it starts there and floats free."""
+    """Nothing of a soft body is fixed to its moving parent, so it starts there and floats free."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """A soft body in a spec: its name, and what it was built as, which material points and frames need."""
+    """A soft body in a spec, as `attach` returns it.
+
+    Parameters
+    ----------
+    name
+        Name of the soft body in the spec.
+    body
+        The soft body as it was built. Material points and frames need it.
+    """
 
     name: str
     body: SoftBody
 
     def soft(self, model: mujoco.MjModel, data: mujoco.MjData) -> Soft:
-        """Return the view of it in a compiled model, see `mjframes.soft`."""
+        """Return the view of the soft body in a compiled model, see `mjframes.soft`."""
         return soft(model, data, self.name, self.body)
 
 
@@ -63,20 +71,44 @@ def attach(
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     contact: bool | Contact = True,
 ) -> Attachment:
-    """Put a soft body into a spec, below one of its bodies, and return what reads it back.
+    """Put a soft body into a spec.
 
-    name: of the body that holds it all; what belongs to it is called name:something, so that no two soft bodies share
-    a name.
-    parent: a body of the spec or its name, the world unless given.
-    pos [m], quat: where the volume's coordinate system goes, in `parent`. Where that moves and nothing of the body is
-    held, it only starts there and floats free of it: it goes below the world.
-    contact: whether it collides with the scene's geoms and other soft bodies, or how; never with what holds it.
-    The poses at the reference configuration of bodies that pieces are attached to are those in which the soft body
-    rests; its frames then hang on the one of these bodies below most of the others.
-    Warn (BranchWarning) where such bodies are on several branches of the tree, and (FloatWarning) where `parent` moves
-    and nothing of the body is held.
-    Raise MjframesError for a name that cannot be used, bodies that are not there, and where the plugin cannot be
-    loaded.
+    Where bodies of the scene hold pieces of it (`Attached`), their poses at the reference configuration are those in
+    which the soft body rests. Its frames then hang on the one of these bodies below most of the others.
+
+    Parameters
+    ----------
+    spec
+        The scene to change.
+    body
+        The soft body, from `build` or `SoftBody.load`.
+    name
+        Name of the soft body. Everything that belongs to it is called `name:something`, so it cannot clash with your
+        names.
+    parent
+        The body of the spec to attach to, or its name. The default is the world.
+    pos, quat
+        Position [m] and quaternion (w, x, y, z) of the volume's coordinate system in `parent`. If `parent` moves and
+        nothing of the soft body is fixed, this is only where it starts.
+    contact
+        Whether the soft body collides, or a `Contact` that says how. It never collides with what holds it.
+
+    Returns
+    -------
+    Attachment
+        Reads the body back from the compiled model.
+
+    Raises
+    ------
+    MjframesError
+        For a name that cannot be used, for bodies that the spec does not have, and if the plugin cannot be loaded.
+
+    Warns
+    -----
+    BranchWarning
+        If the bodies that hold pieces are on several branches of the kinematic tree.
+    FloatWarning
+        If `parent` moves and nothing of the soft body is fixed.
     """
     within = _checked(spec, body, parent, contact)
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_.-]+", name):

@@ -24,22 +24,36 @@ IMPEDANCE = (  # of solimp: what each number is, and its range
 
 @dataclass(frozen=True)
 class Contact:
-    """Parameters of all patches of a soft body, as those of a geom in MJCF. None: MuJoCo's default.
+    """How a soft body collides, as a geom's attributes in MJCF.
 
-    friction: sliding [-], torsional [m], rolling [m].
-    margin, gap: [m].
-    solref, solimp: of the constraint.
-    condim: 1, 3, 4 or 6.
-    contype, conaffinity: bits; two geoms collide if the contype of one meets the conaffinity of the other. As they are,
-    a soft body meets rigid geoms and other soft bodies; itself it never meets.
-    priority: the parameters of the geom with the higher one count, those of equal ones are mixed.
-    dents: whether the flesh below a contact gives way beyond what the frames show, as it does in finite elements.
+    The default of `solref` has half of MuJoCo's time constant: soft bodies that fall on each other penetrate a third to
+    a half as deep, and half as deep at rest. With a rigid geom at MuJoCo's default of 0.02 s it is mixed to 0.015 s.
 
-    The default solref has half of MuJoCo's time constant: soft bodies that fall on each other come a third to a half as
-    deep into each other, and rest half as deep. With a rigid geom of MuJoCo's default, 0.02 s, it is mixed to 0.015.
-    What is faster than a body's thickness in a few milliseconds, such as a ball of 10 m/s on a slab of 5 cm, still goes
-    through it. There solref=(0.005, 1) with priority=1 holds.
-    Raise MjframesError for values that MuJoCo would not take.
+    Objects that cross the thickness of a body in a few milliseconds still pass through it, such as a ball at 10 m/s
+    through a slab of 5 cm. `solref=(0.005, 1)` with `priority=1` stops that ball.
+
+    Parameters
+    ----------
+    friction
+        Sliding [-], torsional [m] and rolling [m] friction. The default is MuJoCo's.
+    margin, gap
+        Lengths [m] as in MJCF. The default is MuJoCo's.
+    solref, solimp
+        Parameters of the constraint, as in MJCF.
+    condim
+        Dimension of the contact: 1, 3, 4 or 6. The default is MuJoCo's.
+    contype, conaffinity
+        Bits. Two geoms collide if the contype of one has a bit of the other's conaffinity. By default a soft body meets
+        rigid geoms and other soft bodies. It never meets itself.
+    priority
+        The parameters of the geom with the higher priority count. Those of equal ones are mixed.
+    dents
+        Whether the flesh below a contact gives way beyond what the frames show, as finite elements say.
+
+    Raises
+    ------
+    MjframesError
+        For values that MuJoCo would refuse.
     """
 
     friction: tuple[float, ...] | None = None

@@ -16,10 +16,21 @@ PLACED = ("bodies", "joints", "geoms", "sites", "cameras", "lights", "frames")  
 
 
 def detach(spec: mujoco.MjSpec, name: str) -> None:
-    """Take soft body `name` out of a spec: its bodies, also those that hang on others, skins, patches and sensors.
+    """Take a soft body out of a spec: its bodies, also those that hang on others, skins, patches and sensors.
 
-    The name is free then. What is left of one whose body `spec.delete` has deleted goes as well.
-    Raise MjframesError where the spec has none of that name.
+    Its name is free then. What is left of a soft body whose body was deleted by `spec.delete` goes as well.
+
+    Parameters
+    ----------
+    spec
+        The scene to change.
+    name
+        Name of the soft body.
+
+    Raises
+    ------
+    MjframesError
+        If the spec has no soft body of that name.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise MjframesError(f"spec is a {type(spec).__name__}; give the scene as an MjSpec.")

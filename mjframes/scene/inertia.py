@@ -16,10 +16,21 @@ from mjframes.scene import view
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return M (nv, nv) at the positions of `data`, with ½ q̇ᵀ M q̇ the kinetic energy; data stays as it is.
+    """Return the mass matrix M without the elasticity that a step adds to `data.M`.
 
-    Of the bodies and armatures that MuJoCo knows, and of the mass of soft bodies between their points.
-    Current after `mj_forward`; after `mj_step` that of the positions before it.
+    The kinetic energy is ½ q̇ᵀ M q̇. M contains the bodies and armatures that MuJoCo knows, and the mass of soft bodies
+    between their points.
+
+    Parameters
+    ----------
+    model, data
+        The compiled model and its state, which stays as it is. M is that of the positions of the last `mj_forward`;
+        after `mj_step`, of the positions before the step.
+
+    Returns
+    -------
+    array
+        M (nv, nv) [kg, and kg m² for rotations].
     """
     before = data.M.copy()
     mujoco.mj_makeM(model, data)
@@ -38,10 +49,15 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 @contextmanager
 def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[None]:
-    """Make `data.M` and its factors those of `mass_matrix` inside the block, for code of others that reads them.
+    """Make `data.M` and its factors those of `mass_matrix`, in a `with` block.
 
-    `mj_fullM`, `mj_mulM`, `mj_solveM`, `mj_energyVel`: operational-space controllers, energies. Afterwards both are
-    again what the step works with. Not for stepping: that computes its own.
+    It is for code that calls `mj_fullM`, `mj_mulM`, `mj_solveM` or `mj_energyVel`, such as operational-space
+    controllers. Afterwards both are again what the step works with. Do not step inside the block.
+
+    Parameters
+    ----------
+    model, data
+        The compiled model and its state.
     """
     before = data.M.copy(), data.qLD.copy(), data.qLDiagInv.copy()
     rows = np.repeat(np.arange(model.nv), model.M_rownnz)

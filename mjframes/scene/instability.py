@@ -16,7 +16,7 @@ HELP = "try a smaller timestep, damping, more or other frames, or another law"
 
 
 class InstabilityWarning(Notice):
-    """One sentence on what a simulated soft body does that no real one would, and on what helps."""
+    """A soft body does what no real one would; the warning says what helps."""
 
 
 def warn(sentence: str) -> None:

@@ -20,9 +20,22 @@ DIVERGED = [  # MuJoCo's warnings of a state that is not finite or huge
 
 
 def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
-    """Return a scene from MJCF, and its spec; load the plugin where the scene asks for it.
+    """Load a scene from MJCF, with the plugin if the scene asks for it.
 
-    Raise MjframesError with MuJoCo's reason where it cannot be loaded.
+    Parameters
+    ----------
+    path
+        MJCF file.
+
+    Returns
+    -------
+    tuple
+        The compiled model and its spec.
+
+    Raises
+    ------
+    MjframesError
+        If the scene cannot be loaded, with MuJoCo's reason.
     """
     if not os.path.isfile(path):
         raise MjframesError(f"{path}: there is no such scene; give the path of an MJCF file (.xml).")

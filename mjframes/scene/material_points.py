@@ -5,7 +5,7 @@
     ε = sym(Σ_j y_j ∇W_jᵀ + ∇Φ T y), y_j = Rᵀ x_j − x̄_j     corotational strain, R of the point's region
     ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
 
-W_j are those that move the surfaces, Φ T what the body moves beyond them (whole_body/lifting.py), where that is known.
+W_j are those that move the surfaces, Φ T what the body moves beyond them (whole_body/modes.py), where that is known.
 Slopes are those of the nearest voxel, inside its region and its material.
 Index letters: n material point; j control point; r, s rows; a, b columns; q mode. The sensors compute the same.
 """
@@ -29,7 +29,7 @@ from mjframes.elasticity.shares import factor_of
 from mjframes.elasticity.stiffness import shows_rotations
 from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.interpolation import closest_voxels, voxel_shares
-from mjframes.whole_body.lifting import mode_slopes
+from mjframes.whole_body.modes import mode_slopes
 
 Array = NDArray[np.float64]
 Region = CorotationalRegion | HyperelasticRegion

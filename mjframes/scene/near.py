@@ -27,12 +27,30 @@ def near(
     pos: Sequence[float] = (0.0, 0.0, 0.0),
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
 ) -> NDArray[np.bool_]:
-    """Return a mask (nx, ny, nz) of the voxels that are near the geoms of a body, as for `mf.Fixed`.
+    """Return a mask of the voxels that are near the geoms of a body, for `mjframes.Fixed`.
 
-    parent: the body's name; of its geoms those count that collide, or all where none does; meshes as their convex hull.
-    distance: from the surface of a geom to that of a voxel [m]; what is inside a geom is near it.
-    pos [m], quat: where `attach` will put the volume in `parent`.
-    Raise MjframesError for a body that is not there or has no geoms, and where no voxel is near them.
+    Parameters
+    ----------
+    spec
+        The scene.
+    parent
+        Name of the body. Its geoms that collide count, or all of them if none does. A mesh counts as its convex hull.
+    volume
+        The volume.
+    distance
+        Largest distance between the surface of a geom and that of a voxel [m]. Voxels inside a geom are near it.
+    pos, quat
+        Position [m] and quaternion (w, x, y, z) that you will give to `attach`.
+
+    Returns
+    -------
+    array
+        Mask (nx, ny, nz) of the volume's shape.
+
+    Raises
+    ------
+    MjframesError
+        For a body that is not there or has no geoms, and if no voxel is near them.
     """
     if not (is_number(distance) and 0 <= distance < np.inf):
         raise MjframesError(f"distance is {distance!r}; it must be a length in metres, 0 or more.")

@@ -99,10 +99,23 @@ def placing(model: mujoco.MjModel, name: str) -> Placing:
 
 
 def place(model: mujoco.MjModel, data: mujoco.MjData, name: str, pos: Vector, quat: Vector = (1, 0, 0, 0)) -> None:
-    """Put free soft body `name` where its volume's coordinate system is at pos [m], quat in the world; at rest.
+    """Put a free soft body somewhere, undeformed and at rest.
 
-    Call `mj_forward` behind it, as after any other change of `qpos`.
-    Raise MjframesError as `placing` does, and for what is no pose.
+    Call `mj_forward` afterwards, as after any change of `qpos`.
+
+    Parameters
+    ----------
+    model, data
+        The compiled model and the state to change.
+    name
+        Name of the soft body.
+    pos, quat
+        Position [m] and quaternion (w, x, y, z) of the volume's coordinate system in the world.
+
+    Raises
+    ------
+    MjframesError
+        If the model has no such soft body, if something holds it, and for a pose that is none.
     """
     found = placing(model, name)
     data.qpos[found.qpos] = found.coordinates(pos, quat)

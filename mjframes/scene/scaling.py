@@ -35,28 +35,45 @@ class Batch(Protocol):
         ...
 
 
-Factor = ArrayLike
+Factor = ArrayLike  # one number, or one for each world
+Factors = Mapping[int, Factor] | Mapping[str, Factor] | Mapping[int | str, Factor]
 
 
 def scale(
     model: mujoco.MjModel | Batch,
     name: str,
-    stiffness: Factor | Mapping[int | str, Factor] | None = None,
+    factor: Factor | None = None,
     *,
+    materials: Factors | None = None,
     damping: ArrayLike | None = None,
     worlds: ArrayLike | None = None,
-    **materials: Factor,
 ) -> None:
-    """Make soft body `name` of a compiled model as many times as stiff, or as damped, as it was built, from now on.
+    """Make a soft body of a compiled model stiffer, softer, or differently damped, from now on.
 
-    model: or a `mujoco.batch.Batch`, all of whose worlds or some `worlds`, by number, are changed; a factor is then one
-    number for them all or one for each.
-    stiffness: factor of the moduli of all materials [-], or a mapping from materials' labels or names to factors.
-    materials: the factor of the material with that name. Materials that are not named have the common factor, or 1.
-    damping: factors of α and β of `build` [-], (2,) or (worlds, 2).
-    What is not given stays as it is. Factors do not add up: 1 is what was built, whatever was asked for before.
-    Raise MjframesError where the model has no such soft body, for materials that it has not or several of that name,
-    for numbers of no world, and for factors that are not positive and finite.
+    Factors are relative to what was built and do not add up: 1 restores it. What is not given stays as it is.
+
+    Parameters
+    ----------
+    model
+        The compiled model, or a `mujoco.batch.Batch`, in which each world may have its own factors. Each factor below
+        is then one number for all worlds, or one for each.
+    name
+        Name of the soft body.
+    factor
+        Factor of the moduli of all materials [-].
+    materials
+        Factor of the moduli of single materials [-], by the name or the label of the material. Materials that are not
+        in it have `factor`, or 1.
+    damping
+        Factors of Rayleigh's α and β [-], (2,), or (worlds, 2) for a batch.
+    worlds
+        Numbers of the worlds of a batch to change. The default is all of them.
+
+    Raises
+    ------
+    MjframesError
+        If the model has no such soft body or the body no such material, if several materials have that name, and for
+        factors that are not positive and finite and numbers of no world.
     """
     compiled = model if isinstance(model, mujoco.MjModel) else getattr(model, "model", None)
     if not isinstance(compiled, mujoco.MjModel):
@@ -67,8 +84,8 @@ def scale(
         raise MjframesError(f"name is {name!r} but the soft bodies that the model can scale are: {known}.")
     data = _worlds(model, worlds)
     given: dict[str, NDArray[np.float64]] = {}
-    if stiffness is not None or materials:
-        given[STIFFNESS] = _factors(compiled, name, stiffness, materials, data.shape[:-1])
+    if factor is not None or materials is not None:
+        given[STIFFNESS] = _factors(compiled, name, factor, materials or {}, data.shape[:-1])
     if damping is not None:
         given[DAMPING] = _damping(damping, data.shape[:-1])
     for key, values in given.items():
@@ -125,20 +142,24 @@ def stiffness(model: mujoco.MjModel, name: str, count: int) -> NDArray[np.float6
 
 
 def _factors(
-    model: mujoco.MjModel,
-    name: str,
-    given: Any,
-    named: Mapping[str, Any],
-    worlds: tuple[int, ...],
+    model: mujoco.MjModel, name: str, common: Any, single: Factors, worlds: tuple[int, ...]
 ) -> NDArray[np.float64]:
     """(…, M) of each world and material."""
+    if isinstance(common, Mapping):
+        raise MjframesError(
+            f"factor is {_short(common)}; it must be one for all materials, single ones go to materials=."
+        )
+    if not isinstance(single, Mapping):
+        raise MjframesError(
+            f"materials is {_short(single)}; it must map names or labels to factors, as {{'flesh': 2}}."
+        )
     known = materials(model, name)
     entries = _entries(model, name, STIFFNESS)
     assert entries is not None
     values = np.ones((*worlds, entries.stop - entries.start))
-    if given is not None and not isinstance(given, Mapping):
-        values[:] = _checked("stiffness", given, worlds)[..., None]
-    for key, factor in [*(given.items() if isinstance(given, Mapping) else ()), *named.items()]:
+    if common is not None:
+        values[:] = _checked("factor", common, worlds)[..., None]
+    for key, factor in single.items():
         values[..., _place(name, known, key)] = _checked(f"the factor of material {key!r}", factor, worlds)
     return values
 

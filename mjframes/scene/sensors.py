@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +16,22 @@ from mjframes.scene.identity import asset_key
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import decode, encode, soft_name
 
-WHOLE = ("elastic_energy", "kinetic_energy", "contact_force")  # 1, 1 and 3 values
-OF_MATERIAL = ("energy_density", "stress", "strain", "deformation_gradient")  # 1, 6, 6 and 9 values a point
-PLACES = ("position", "velocity")  # 3 values a point
-OF_POINTS = OF_MATERIAL + PLACES
 SLACK = 1e-9  # [-] of F: below it is rounding
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a sensor measures.
+
+    what: with its axes, for the documents.  unit: of its values.  values: how many there are, of each point.
+    reads: what the plugin reads of material points, None for a quantity of the whole body.  plugin: that computes it.
+    """
+
+    what: str
+    unit: str
+    values: int
+    reads: Callable[[MaterialPoints], dict[str, str]] | None = None
+    plugin: str = plugin.SENSOR_NAME
 
 
 def add_sensor(
@@ -28,21 +42,43 @@ def add_sensor(
     points: ArrayLike | None = None,
     sensor_name: str | None = None,
 ) -> mujoco.MjsSensor:
-    """Add a sensor of the soft body `name`, of which `body` was attached to `spec`; return MuJoCo's sensor.
+    """Add a sensor that measures a soft body to a spec.
 
-    quantity: "elastic_energy" or "kinetic_energy" [J], one value; "contact_force", the sum of the contact forces on the
-    body, held pieces included, in the world's axes [N]; or at material points (n, 3), in volume coordinates [m], as
-    many times: "position" [m] and "velocity" [m/s], in the world's axes; "energy_density" [J/m³]; "stress", Cauchy's in
-    the world's axes [Pa], and "strain", Green's in the volume's axes, as xx, yy, zz, yz, xz, xy;
-    "deformation_gradient", from the volume's to the world's axes, row by row. The same as `soft()` says.
-    sensor_name: f"{name}_{quantity}" unless given.
-    Raise MjframesError for other quantities, where points are missing or not of the material, for a soft body that is
-    not there or another one, and for a name that is taken.
+    Parameters
+    ----------
+    spec
+        The scene to change.
+    body
+        The soft body as it was attached.
+    name
+        Name of the soft body in the spec.
+    quantity
+        What to measure. Of the whole body: "elastic_energy" and "kinetic_energy" [J], and "contact_force", the sum of
+        the contact forces on it, held pieces included, in the world's axes (3,) [N]. At each material point: "position"
+        (3,) [m] and "velocity" (3,) [m/s] in the world's axes, "energy_density" [J/m³], Cauchy's "stress" (6,) in the
+        world's axes [Pa] and Green's "strain" (6,) in the volume's axes [-], as xx, yy, zz, yz, xz, xy, and
+        "deformation_gradient" (9,) from the volume's to the world's axes, row by row [-].
+    points
+        Material points (n, 3) in volume coordinates [m], for the quantities at points.
+    sensor_name
+        Name of the sensor. The default is `name_quantity`.
+
+    Returns
+    -------
+    mujoco.MjsSensor
+        MuJoCo's sensor. Its values follow each other point by point.
+
+    Raises
+    ------
+    MjframesError
+        For other quantities, if points are missing or outside the material, if the spec does not have the soft body or
+        has another one of that name, and for a sensor name that is taken.
     """
-    if quantity not in WHOLE + OF_POINTS:
-        raise MjframesError(f"quantity is {quantity!r}; it must be one of {', '.join(map(repr, WHOLE + OF_POINTS))}.")
-    if (points is None) != (quantity in WHOLE):
-        wanted = "is of the whole body: give no points" if quantity in WHOLE else "needs points, (n, 3) in metres"
+    if quantity not in QUANTITIES:
+        raise MjframesError(f"quantity is {quantity!r}; it must be one of {', '.join(map(repr, QUANTITIES))}.")
+    measured = QUANTITIES[quantity]
+    if (points is None) != (measured.reads is None):
+        wanted = "needs points, (n, 3) in metres" if measured.reads else "is of the whole body: give no points"
         raise MjframesError(f"the sensor {quantity!r} {wanted}.")
     plugin.load()
     instances = {soft_name(other.name): other for other in spec.plugins if other.plugin_name == plugin.NAME}
@@ -56,20 +92,19 @@ def add_sensor(
     if any(own == other.name for other in (*spec.sensors, *spec.plugins)):
         raise MjframesError(f"sensor_name is {own!r}, which the spec has already; give another one.")
     config = {"quantity": quantity}
-    if points is not None:
+    if points is not None and measured.reads is not None:
         at = material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points)
         if not len(at.offset):
             raise MjframesError("points has no point; a sensor needs one or more.")
-        config |= _places(at) if quantity in PLACES else _samples(at)
-    kind = plugin.FORCE_SENSOR_NAME if quantity == "contact_force" else plugin.SENSOR_NAME
-    spec.activate_plugin(kind)
-    instance = spec.add_plugin(name=own, plugin_name=kind, active=True)
+        config |= measured.reads(at)
+    spec.activate_plugin(measured.plugin)
+    instance = spec.add_plugin(name=own, plugin_name=measured.plugin, active=True)
     instance.config = config
     sensor = spec.add_sensor(
         name=own, type=mujoco.mjtSensor.mjSENS_PLUGIN, objtype=mujoco.mjtObj.mjOBJ_BODY, objname=name
     )
     sensor.plugin.active = True
-    sensor.plugin.plugin_name = kind
+    sensor.plugin.plugin_name = measured.plugin
     sensor.plugin.name = own
     return sensor
 
@@ -119,3 +154,18 @@ def _places(at: MaterialPoints) -> dict[str, str]:
     if any(some.any() for some in rise):
         config["rise"] = encode(np.concatenate(rise))
     return config
+
+
+QUANTITIES = {
+    "elastic_energy": Quantity("elastic energy", "J", 1),
+    "kinetic_energy": Quantity("kinetic energy", "J", 1),
+    "contact_force": Quantity(
+        "sum of the contact forces on the body, in the world's axes", "N", 3, plugin=plugin.FORCE_SENSOR_NAME
+    ),
+    "energy_density": Quantity("elastic energy density", "J/m³", 1, _samples),
+    "stress": Quantity("Cauchy's stress in the world's axes, as xx, yy, zz, yz, xz, xy", "Pa", 6, _samples),
+    "strain": Quantity("Green's strain in the volume's axes, in the same order", "-", 6, _samples),
+    "deformation_gradient": Quantity("from the volume's to the world's axes, row by row", "-", 9, _samples),
+    "position": Quantity("position in the world's axes", "m", 3, _places),
+    "velocity": Quantity("velocity in the world's axes", "m/s", 3, _places),
+}

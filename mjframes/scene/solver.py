@@ -27,10 +27,15 @@ JOINTS = {  # degrees of freedom of each type
 
 
 def choose_solver(spec: mujoco.MjSpec) -> None:
-    """Set the solver of a spec and the form of its Jacobians by how many degrees of freedom it has now.
+    """Set the solver of a spec, and the form of its Jacobians, by its number of degrees of freedom.
 
-    Disable MuJoCo's midphase, too, where there are no flexes and no body has many geoms, patches of soft bodies apart.
-    Call it when everything is attached.
+    It also disables MuJoCo's midphase where this only costs time: without flexes and without bodies of many geoms. Call
+    it when everything is attached.
+
+    Parameters
+    ----------
+    spec
+        The scene to change.
     """
     freedom = sum(JOINTS[mujoco.mjtJoint(joint.type)] for joint in spec.joints)
     spec.option.solver, spec.option.jacobian = _best(freedom)

@@ -45,7 +45,7 @@ TO_RAS = {  # by NRRD's field `space`: which coordinates change their sign; othe
 
 
 class ImageWarning(Notice):
-    """An image does not say what it should: what is missing and how it was taken."""
+    """An image is incomplete; the warning says what is missing and what was assumed."""
 
 
 @dataclass(frozen=True, eq=False)

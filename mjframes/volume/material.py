@@ -18,16 +18,30 @@ DENSITY = (1e-6, 1e9)  # [kg/m³]
 
 @dataclass(frozen=True)
 class Material:
-    """One material of a volume.
+    """A linear isotropic material.
 
-    young: Young's modulus [Pa], 1e-3 to 1e15.
-    poisson: Poisson's ratio [-], 0 ≤ ν < 0.5.
-    density: [kg/m³], 1e-6 to 1e9.
-    name, rgba: how it is called and drawn.
-    is_rigid: made by `Material.rigid`.
-    law_constants: of a law for large strains, by name, where those of `young` and `poisson` will not do; see `laws`.
+    Parameters
+    ----------
+    young
+        Young's modulus [Pa], 1e-3 to 1e15.
+    poisson
+        Poisson's ratio [-], 0 ≤ ν < 0.5.
+    density
+        Density [kg/m³], 1e-6 to 1e9.
+    name
+        Name, for messages, skins and `mjframes.scale`.
+    rgba
+        Colour that it is drawn in, four numbers from 0 to 1.
+    is_rigid
+        Whether it does not deform, see `Material.rigid`.
+    law_constants
+        Constants of a hyperelastic law by name, as `{"c10": 2e3}`. Those that are missing follow from `young` and
+        `poisson`.
 
-    Raise MjframesError for values outside these ranges.
+    Raises
+    ------
+    MjframesError
+        For values outside these ranges.
     """
 
     young: float
@@ -68,14 +82,32 @@ class Material:
         name: str = "",
         rgba: tuple[float, float, float, float] = (0.93, 0.9, 0.8, 1.0),
     ) -> Material:
-        """Return a material that does not deform: all its points share one weight vector (the paper, §4.4)."""
+        """Return a material that does not deform.
+
+        All its points share one weight vector (the paper, §4.4).
+
+        Parameters
+        ----------
+        density
+            Density [kg/m³].
+        name, rgba
+            Name and colour, as of `Material`.
+        """
         return cls(RIGID_YOUNG, RIGID_POISSON, density, name, rgba, is_rigid=True)
 
     @classmethod
     def named(cls, name: str) -> Material:
-        """Return a material of the library, as "silicone-00-30"; `mjframes materials` lists them with their sources.
+        """Return a material of the library. `mjframes materials` lists it with its sources.
 
-        Raise MjframesError for a name that it does not have.
+        Parameters
+        ----------
+        name
+            Name in the library, as "silicone-00-30".
+
+        Raises
+        ------
+        MjframesError
+            If the library has no material of that name.
         """
         if name not in LIBRARY:
             raise MjframesError(f"name is {name!r}; the library has {', '.join(LIBRARY)}.")

@@ -58,11 +58,11 @@ WITNESSES = 16  # [-] vertices that all must lie within another shell for a shel
 
 
 class MeshWarning(Notice):
-    """A surface is not what it should be: what is wrong with it and how it was taken."""
+    """A surface has a fault; the warning says which one and what was done about it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class MeshSurface:
     """An oriented triangle mesh, normals outwards.
 
     name: file or number, for messages.
@@ -82,7 +82,7 @@ class Surface:
         return len(_open_edges(self.faces)[0])
 
 
-def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
+def load_surface(source: MeshLike, name: str, scale: float) -> MeshSurface:
     """Return the surface in a file (MESH_TYPES) or a trimesh object, cleaned as the module's text says.
 
     name: what messages call it where it is no file.  scale: [m] that one unit of the mesh is long.
@@ -115,7 +115,7 @@ def load_surface(source: MeshLike, name: str, scale: float) -> Surface:
     if (turned & ~mixed).any():
         which = f"{(turned & ~mixed).sum()} of {len(turned)} shells are" if len(turned) > 1 else "it is"
         notices.append(f"{name}: {which} inside out; the triangles were turned.")
-    surface = Surface(name, points, triangles, tuple(notices))
+    surface = MeshSurface(name, points, triangles, tuple(notices))
     if surface.open_edges == 0:
         return surface
     _refuse_loose(surface)
@@ -136,10 +136,10 @@ def mesh_contents(source: MeshLike, name: str) -> tuple[object, ...]:
     return _arrays(name, source)
 
 
-def lids(surface: Surface) -> Surface:
+def lids(surface: MeshSurface) -> MeshSurface:
     """Return what closes an open surface: for each hole the cone from its edge to its middle.
 
-    Surface and lids together are closed, so w = w_together − w_lids has an integer and few triangles to sum over.
+    MeshSurface and lids together are closed, so w = w_together − w_lids has an integer and few triangles to sum over.
     """
     tail, head, balance = _open_edges(surface.faces)
     n = len(surface.vertices)
@@ -149,7 +149,9 @@ def lids(surface: Surface) -> Surface:
     center = (surface.vertices[tail] + surface.vertices[head]) / 2
     middle = np.stack([np.bincount(hole, center[:, x]) for x in range(3)], axis=1) / np.bincount(hole)[:, None]
     triangles = np.stack([head, tail, n + hole], axis=1)
-    return Surface(surface.name, np.concatenate([surface.vertices, middle]), np.repeat(triangles, balance, axis=0), ())
+    return MeshSurface(
+        surface.name, np.concatenate([surface.vertices, middle]), np.repeat(triangles, balance, axis=0), ()
+    )
 
 
 def import_igl(name: str, fault: str = "the surface is not watertight") -> Any:
@@ -281,7 +283,7 @@ def _refuse_flat(name: str, points: NDArray[np.float64]) -> None:
         raise MjframesError(f"{name}: the mesh is flat, it has no inside; a volume needs a closed surface.")
 
 
-def _refuse_loose(surface: Surface) -> None:
+def _refuse_loose(surface: MeshSurface) -> None:
     """Most edges are open, and where w > ½ it is far from an integer: triangles without relation."""
     if surface.open_edges <= len(surface.faces) / 2:
         return

@@ -23,10 +23,23 @@ WITNESSES = 16  # vertices of a surface that are all inside another one, if it i
 
 
 def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
-    """Return the pieces of a mesh file, in the file's unit and place, for `Volume.from_meshes`.
+    """Return the pieces of a mesh file, in its unit and place, for `Volume.from_meshes`.
 
-    Their names are those of the file's objects, where it has several (.3mf, .glb, .gltf, .obj), or "1", "2", … from
-    the largest box on. Raise MjframesError for a file that cannot be read.
+    Parameters
+    ----------
+    path
+        Mesh file.
+
+    Returns
+    -------
+    dict
+        Meshes by name: the file's objects if it has several (.3mf, .glb, .gltf, .obj), or else its unconnected
+        surfaces, called "1", "2", … from the largest box on.
+
+    Raises
+    ------
+    MjframesError
+        If the file cannot be read.
     """
     from mjframes.base.trimeshes import trimesh
 

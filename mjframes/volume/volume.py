@@ -23,12 +23,13 @@ from mjframes.base.files import replacing
 from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
 from mjframes.volume.material import Material
+from mjframes.volume.solids import Solid, ball, box, cylinder
+from mjframes.volume.spacing import require_voxels, spacing_or_voxels, voxel_edges
 
 if TYPE_CHECKING:
     from mjframes.volume.meshes import MeshLike
 
 ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
-VOXELS = 20_000  # of meshes, unless given: built in seconds, and with some across every limb
 MANY = 30  # labels without a material that no atlas, but an image of intensities has
 SHOWN = 10  # of them
 LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
@@ -36,15 +37,27 @@ LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with u
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Labelled voxels.
+    """Voxels, each with a label. Each label has a material, and 0 is outside.
 
-    labels: (nx, ny, nz) unsigned integers, 0 outside.
-    spacing: (3,) [m].
-    origin: (3,) [m], corner of voxel (0, 0, 0).
-    axes: (3, 3) proper rotation, column a is the direction of index axis a.
-    materials: the material of every label that occurs (others may be there too).
+    `Volume.load`, `from_labels`, `from_meshes`, `box`, `sphere` and `cylinder` make one.
 
-    Raise MjframesError where one of them is not so, and for a volume with nothing inside.
+    Parameters
+    ----------
+    labels
+        Unsigned integers (nx, ny, nz), 0 outside.
+    spacing
+        Edges (3,) of a voxel [m].
+    origin
+        Corner (3,) of voxel (0, 0, 0) [m].
+    axes
+        Proper rotation (3, 3). Column a is the direction of index axis a.
+    materials
+        Material of every label that occurs. Other labels may be there too.
+
+    Raises
+    ------
+    MjframesError
+        If an argument is not as described, and for a volume with nothing inside.
     """
 
     labels: NDArray[np.unsignedinteger]
@@ -84,14 +97,29 @@ class Volume:
         crop: bool = False,
         up: str = "z",
     ) -> Volume:
-        """Return a volume from what `save` wrote, or a label image of one of `mjframes.volume.images.IMAGE_TYPES`.
+        """Return a volume from a file: what `save` wrote, or a label image.
 
-        spacing, origin: the file's own are overridden by them.
-        materials: a file saved with materials needs none, or has them replaced.
-        An image's coordinates are kept as they are, but that those of an anatomy are RAS, x to the right and y to the
-        front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage by their headers). Where its axes are
-        left-handed, one array axis is reversed; sheared axes are refused.
-        The other arguments are those of `from_labels`. Raise MjframesError for all that cannot be used.
+        Coordinates are those of the file. Images with anatomical orientation are converted to RAS: x points to the
+        right and y to the front, whether the file has them so (NIfTI) or as LPS (NRRD, MetaImage). For left-handed axes
+        one array axis is reversed; sheared axes are refused.
+
+        Parameters
+        ----------
+        path
+            File of one of the types in `mjframes.volume.images.IMAGE_TYPES`.
+        spacing
+            Edge of a voxel [m], one length or three, in place of the file's.
+        materials
+            Material of each label. A file that was saved with materials needs none.
+        origin
+            Corner (3,) of voxel (0, 0, 0) [m], in place of the file's.
+        drop_unknown, crop, up
+            See `from_labels`.
+
+        Raises
+        ------
+        MjframesError
+            If the file cannot be read or used.
         """
         if not isinstance(path, (str, os.PathLike)):
             raise MjframesError(f"path is a {type(path).__name__}; give that of a file, or an array to from_labels.")
@@ -110,15 +138,29 @@ class Volume:
         crop: bool = False,
         up: str = "z",
     ) -> Volume:
-        """Return a volume of an array of labels.
+        """Return a volume from an array of labels.
 
-        labels: (nx, ny, nz), non-negative integers (or floats with integral values), 0 outside.
-        spacing: voxel size [m], one number or three.
-        materials: one for every label that occurs.
-        origin: (3,) [m], corner of voxel (0, 0, 0), 0 unless given.
-        drop_unknown: labels without a material are outside, such as a segmentation's noise; else they are refused.
-        crop: whether to leave out, on all sides, slices with nothing inside.  up: see `upright`.
-        Raise MjframesError for all that cannot be used.
+        Parameters
+        ----------
+        labels
+            Non-negative whole numbers (nx, ny, nz), 0 outside.
+        spacing
+            Edge of a voxel [m], one length or three.
+        materials
+            Material of each label that occurs.
+        origin
+            Corner (3,) of voxel (0, 0, 0) [m]. The default is 0.
+        drop_unknown
+            Whether voxels without a material are outside, such as noise in a segmentation. Otherwise they are refused.
+        crop
+            Whether to remove slices with nothing inside on all sides.
+        up
+            Axis of the array that points up, see `upright`.
+
+        Raises
+        ------
+        MjframesError
+            For labels, lengths and materials that cannot be used.
         """
         if isinstance(labels, (str, os.PathLike)):
             raise MjframesError(f"labels is {os.fspath(labels)!r}; give an array, or a file to Volume.load.")
@@ -149,7 +191,7 @@ class Volume:
             raise MjframesError(
                 f"{source}spacing is missing; pass spacing= or --spacing, the edge of a voxel in metres.{more}"
             )
-        step = _spacing(source, step)
+        step = voxel_edges(source, step)
         axes = _orthonormal(source, image.axes)
         corner = np.zeros(3)
         if image.origin is not None:
@@ -182,29 +224,42 @@ class Volume:
         scale: float = 1.0,
         up: str = "z",
     ) -> Volume:
-        """Return a volume from surface meshes, each of one material; where they overlap, the later one wins.
+        """Return a volume from surface meshes, each of one material. Where they overlap, the later one wins.
 
-        meshes: (mesh, material) pairs; a mesh is a file (.obj .stl .ply .off .glb) or a trimesh object. The i-th, from
-        1 on, has label i. Surfaces need not be perfect: `mjframes.volume.meshes` says what counts as inside.
-        spacing: voxel size [m], one number or three; or else voxels: about how many voxels to have inside, 20,000 where
-        neither is given.
-        fill: material of what no mesh fills in the convex hull of all ("flesh around bones"); its label is the last.
-        scale: length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept, but for it and for
-        up: the axis of the meshes that points up, see `upright`.
-        Warn (MeshWarning) of each fault of a surface and how it was taken, and of parts that fall through the grid.
-        The voxels are kept on disk (`base.cache`) until a mesh or an argument changes; warnings are given again.
-        Raise MjframesError for what cannot be used, and for a mesh that holds no voxel at all.
+        Voxels are cached on disk until a mesh or an argument changes. Surfaces need not be perfect:
+        `mjframes.volume.meshes` says what counts as inside.
+
+        Parameters
+        ----------
+        meshes
+            Pairs (mesh, material). A mesh is a file (.obj .stl .ply .off .glb …) or a trimesh object. The i-th pair,
+            counted from 1, has label i.
+        spacing
+            Edge of a voxel [m], one length or three.
+        voxels
+            About how many voxels are inside, in place of `spacing`. The default is 20,000.
+        fill
+            Material of the rest of the convex hull: flesh around bones. Its label is the last one.
+        scale
+            Length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept otherwise.
+        up
+            Axis of the meshes that points up, see `upright`.
+
+        Raises
+        ------
+        MjframesError
+            For a mesh that cannot be used or contains no voxel, and for arguments out of range.
+
+        Warns
+        -----
+        MeshWarning
+            For each fault of a surface, with what was done about it, and for parts that are thinner than a voxel.
         """
         from mjframes.base.cache import cached
         from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents
         from mjframes.volume.voxelize import spacing_for, voxelize
 
-        if spacing is not None and voxels is not None:
-            raise MjframesError(f"spacing is {spacing!r} and voxels is {voxels!r}; give exactly one of them.")
-        if spacing is None and voxels is None:
-            voxels = VOXELS
-        if voxels is not None and not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
-            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        step, count = spacing_or_voxels(spacing, voxels)
         if not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
             raise MjframesError(f"scale is {scale!r}; it must be the length of the meshes' unit in metres.")
         pairs = list(meshes)
@@ -214,16 +269,15 @@ class Volume:
         for material in materials:
             if not isinstance(material, Material):
                 raise MjframesError(f"a mesh has the material {material!r}; it must be a Material.")
-        step = None if spacing is None else _spacing("", np.asarray(spacing))
 
         def compute() -> dict[str, NDArray[Any]]:
             surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
-            edges = spacing_for(surfaces, int(voxels or 0), fill is not None) if step is None else step
+            edges = spacing_for(surfaces, count, fill is not None) if step is None else step
             labels, origin, notices = voxelize(surfaces, edges, fill is not None)
             return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
 
         contents = [mesh_contents(mesh, f"mesh {i}") for i, (mesh, _) in enumerate(pairs, 1)]
-        settings = (step, None if voxels is None else int(voxels), fill is not None, float(scale))
+        settings = (step, count if step is None else None, fill is not None, float(scale))
         known = cached("volume", (*contents, *settings), compute)
         for notice in known["notices"].tolist():
             warnings.warn(notice, MeshWarning, stacklevel=3)  # beyond telling_memory
@@ -231,6 +285,102 @@ class Volume:
         present = set(occurring(labels))
         inside = {i: material for i, material in enumerate(materials, 1) if i in present}
         return cls(labels, step, origin, np.eye(3), inside).upright(up)
+
+    @classmethod
+    @telling_memory
+    def box(
+        cls, size: ArrayLike, material: Material, spacing: ArrayLike | None = None, *, voxels: int | None = None
+    ) -> Volume:
+        """Return a box of one material, label 1, centred on the origin.
+
+        Parameters
+        ----------
+        size
+            Edges along x, y and z [m], one length or three. They are exact.
+        material
+            What the box is made of.
+        spacing
+            Edge of a voxel [m], one length or three. It is adjusted so that a whole number of voxels fits each edge.
+        voxels
+            About how many voxels the box has, in place of `spacing`. The default is 20,000.
+
+        Raises
+        ------
+        MjframesError
+            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+        """
+        return cls._of_solid(box(size, spacing, voxels), material)
+
+    @classmethod
+    @telling_memory
+    def sphere(
+        cls, radius: float, material: Material, spacing: ArrayLike | None = None, *, voxels: int | None = None
+    ) -> Volume:
+        """Return a solid sphere of one material, label 1, centred on the origin.
+
+        A voxel is inside if its centre is.
+
+        Parameters
+        ----------
+        radius
+            Radius [m].
+        material
+            What the sphere is made of.
+        spacing
+            Edge of a voxel [m], one length or three.
+        voxels
+            About how many voxels are inside, in place of `spacing`. The default is 20,000.
+
+        Raises
+        ------
+        MjframesError
+            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+        """
+        return cls._of_solid(ball(radius, spacing, voxels), material)
+
+    @classmethod
+    @telling_memory
+    def cylinder(
+        cls,
+        radius: float,
+        length: float,
+        material: Material,
+        spacing: ArrayLike | None = None,
+        *,
+        voxels: int | None = None,
+    ) -> Volume:
+        """Return a solid cylinder of one material, label 1, along z and centred on the origin.
+
+        A voxel is inside if its centre is.
+
+        Parameters
+        ----------
+        radius
+            Radius [m].
+        length
+            Length along z [m]. It is exact.
+        material
+            What the cylinder is made of.
+        spacing
+            Edge of a voxel [m], one length or three. Along z it is adjusted so that a whole number of voxels fits.
+        voxels
+            About how many voxels are inside, in place of `spacing`. The default is 20,000.
+
+        Raises
+        ------
+        MjframesError
+            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+        """
+        return cls._of_solid(cylinder(radius, length, spacing, voxels), material)
+
+    @classmethod
+    def _of_solid(cls, solid: Solid, material: Material) -> Volume:
+        labels, spacing, origin = solid
+        if not isinstance(material, Material):
+            raise MjframesError(
+                f"material is {material!r}; it must be a Material, as Material.named('silicone-00-30')."
+            )
+        return cls(labels, spacing, origin, np.eye(3), {1: material})
 
     @property
     def centers(self) -> NDArray[np.float64]:
@@ -244,9 +394,17 @@ class Volume:
         return f"<Volume of {nx} × {ny} × {nz} voxels, {size} mm; {np.count_nonzero(self.labels)} inside; {names}>"
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the volume and its materials to a .npz file, all of it or nothing.
+        """Write the volume and its materials to a file. The file is complete or does not appear.
 
-        Raise MjframesError for another file type and if the file cannot be written.
+        Parameters
+        ----------
+        path
+            File (.npz).
+
+        Raises
+        ------
+        MjframesError
+            For another file type, and if the file cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -258,12 +416,19 @@ class Volume:
 
     @telling_memory
     def resample(self, voxels: int) -> Volume:
-        """Return the volume on a grid of cubes, about `voxels` of them inside, each with the label at its centre.
+        """Return the volume on a grid of cubes, each with the label at its centre.
 
-        Raise MjframesError if a label would vanish.
+        Parameters
+        ----------
+        voxels
+            About how many voxels are inside.
+
+        Raises
+        ------
+        MjframesError
+            If a label would vanish.
         """
-        if not (isinstance(voxels, (int, np.integer)) and voxels >= 1):
-            raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
+        require_voxels(voxels)
         inside = np.count_nonzero(self.labels) * np.prod(self.spacing)
         step = float(inside / voxels) ** (1 / 3)
         low, high = _box(self.labels)
@@ -301,11 +466,19 @@ class Volume:
         return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
 
     def side(self, side: str, depth: float | None = None) -> NDArray[np.bool_]:
-        """Return a mask (nx, ny, nz) of the slab of voxels at one side of the volume, as for `mf.Fixed`.
+        """Return a mask (nx, ny, nz) of a slab of voxels at one side of the volume, for `mjframes.Fixed`.
 
-        side: "x", "-x", "y", "-y", "z" or "-z", a direction of the volume's coordinates, not of the array.
-        depth: of the slab, from the outermost face inwards [m]; one voxel unless given.
-        Raise MjframesError for another side, and for a slab that holds no voxel's centre.
+        Parameters
+        ----------
+        side
+            "x", "-x", "y", "-y", "z" or "-z": a direction of the volume's coordinates, not of the array.
+        depth
+            Thickness of the slab, from the outermost face inwards [m]. The default is one voxel.
+
+        Raises
+        ------
+        MjframesError
+            For another side, and for a slab that contains no centre of a voxel.
         """
         if side not in UP:
             raise MjframesError(f"side is {side!r}; it must be one of {', '.join(map(repr, UP))}.")
@@ -321,10 +494,17 @@ class Volume:
         return self._where(np.asarray(height >= slab))
 
     def in_box(self, lower: ArrayLike, upper: ArrayLike) -> NDArray[np.bool_]:
-        """Return a mask (nx, ny, nz) of the voxels whose centres are in a box, as for `mf.Fixed`.
+        """Return a mask (nx, ny, nz) of the voxels whose centres are in a box, for `mjframes.Fixed`.
 
-        lower, upper: (3,) corners in volume coordinates [m].
-        Raise MjframesError for corners that are not three numbers, and for a box without a voxel.
+        Parameters
+        ----------
+        lower, upper
+            Corners (3,) in volume coordinates [m].
+
+        Raises
+        ------
+        MjframesError
+            For corners that are not three numbers, and for a box without a voxel.
         """
         low, high = _vector("lower", lower), _vector("upper", upper)
         centers = self.centers
@@ -488,16 +668,6 @@ def _shrink(source: str, labels: NDArray[Any]) -> NDArray[np.unsignedinteger]:
             "Is this a label image?"
         )
     return result
-
-
-def _spacing(source: str, value: ArrayLike) -> NDArray[np.float64]:
-    try:
-        spacing = np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
-    except (TypeError, ValueError):
-        spacing = np.full(3, np.nan)
-    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
-        raise MjframesError(f"{source}spacing is {value!r}; it must be one or three positive lengths in metres.")
-    return spacing
 
 
 def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:

@@ -18,15 +18,13 @@ import scipy.spatial
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from mjframes.base.constants import MOST_CELLS
 from mjframes.base.errors import MjframesError
-from mjframes.base.memory import available_memory
-from mjframes.volume.meshes import Surface, import_igl, lids
+from mjframes.volume.meshes import MeshSurface, import_igl, lids
+from mjframes.volume.spacing import require_room
 
 PROBE_CELLS = 400_000  # of the grid that estimates the volume for a wanted voxel count: to about 1 %, in 0.02 to 0.3 s
 QUERIES = 1_000_000  # points per call of libigl: 24 MB of coordinates
 SNAPPED = 16  # cells from which on a whole number of them on the shortest side changes the voxel count by < 10 %
-CELL = 8  # [bytes] of a cell while it is found inside or outside
 LENGTHS = (5e-3, 5.0)  # [m] of a usual body
 NOTABLE_LOSS = 0.02  # [-] difference of voxels and mesh in volume that is worth a notice
 SHARPNESS = 256  # lost places whose thickness is measured
@@ -52,7 +50,7 @@ class Box:
 
 
 def voxelize(
-    surfaces: Sequence[Surface], spacing: NDArray[np.float64], fill: bool
+    surfaces: Sequence[MeshSurface], spacing: NDArray[np.float64], fill: bool
 ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.float64], list[str]]:
     """Return labels (nx, ny, nz): i + 1 in surfaces[i], the last one that has the voxel; origin (3,) [m]; notices.
 
@@ -81,7 +79,7 @@ def voxelize(
     return labels, low, notices
 
 
-def _doubts(surfaces: Sequence[Surface]) -> list[str]:
+def _doubts(surfaces: Sequence[MeshSurface]) -> list[str]:
     """A notice if the unit of the meshes may be another."""
     length = float(np.subtract(*_bounds(surfaces)[::-1]).max())
     if LENGTHS[0] <= length <= LENGTHS[1]:
@@ -89,7 +87,7 @@ def _doubts(surfaces: Sequence[Surface]) -> list[str]:
     return [f"{surfaces[0].name}: the body is {length:.3g} m long; if its unit is not the metre, give scale or --unit."]
 
 
-def spacing_for(surfaces: Sequence[Surface], voxels: int, fill: bool) -> NDArray[np.float64]:
+def spacing_for(surfaces: Sequence[MeshSurface], voxels: int, fill: bool) -> NDArray[np.float64]:
     """Return the edge (3,) [m] of the cubic voxels of which about `voxels` are inside, by the volume in a coarser grid.
 
     The shortest side of all meshes becomes a whole number of cells, so that a block keeps its volume.
@@ -111,23 +109,23 @@ def spacing_for(surfaces: Sequence[Surface], voxels: int, fill: bool) -> NDArray
     return np.full(3, side / round(side / step) if side > SNAPPED * step else step)
 
 
-def convex_hull(surfaces: Sequence[Surface]) -> Surface:
+def convex_hull(surfaces: Sequence[MeshSurface]) -> MeshSurface:
     """Return the convex hull of all surfaces, closed and oriented outwards."""
     points = np.concatenate([surface.vertices for surface in surfaces])
     hull = scipy.spatial.ConvexHull(points)
     a, b, c = (points[hull.simplices[:, corner]] for corner in range(3))
     is_inward = np.einsum("mx,mx->m", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     faces = np.where(is_inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
-    return Surface("hull", points, faces)
+    return MeshSurface("hull", points, faces)
 
 
-def _bounds(surfaces: Sequence[Surface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds(surfaces: Sequence[MeshSurface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     low = np.min([surface.vertices.min(axis=0) for surface in surfaces], axis=0)
     return low, np.max([surface.vertices.max(axis=0) for surface in surfaces], axis=0)
 
 
 def _frame(
-    surfaces: Sequence[Surface], spacing: NDArray[np.float64]
+    surfaces: Sequence[MeshSurface], spacing: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], tuple[int, int, int]]:
     """Origin (3,) [m] and shape of the smallest grid around all surfaces, from their lowest corner on.
 
@@ -135,24 +133,11 @@ def _frame(
     """
     low, high = _bounds(surfaces)
     cells = np.maximum(np.ceil((high - low) / spacing - 1e-6), 1)  # a box of ten spacings is ten cells
-    if np.prod(cells) > MOST_CELLS:
-        least = float(np.prod(high - low) / MOST_CELLS) ** (1 / 3)
-        raise MjframesError(
-            f"spacing is {spacing.tolist()} m, which makes {np.prod(cells):.1e} cells of a body of "
-            f"{np.array2string(high - low, precision=3)} m; take more than {least:.1g} m or scale the mesh."
-        )
-    if (needed := CELL * float(np.prod(cells))) > (available := available_memory()):
-        raise MjframesError(
-            f"spacing is {spacing.tolist()} m, which makes {np.prod(cells):.1e} cells: these take about "
-            f"{needed / 1e9:.1f} GB, but {available / 1e9:.1f} GB of memory are free; take a spacing of "
-            f"{float(np.max(spacing)) * 1.1 * (needed / available) ** (1 / 3):.2g} m or more, or --voxels."
-        )
-    nx, ny, nz = cells.astype(int).tolist()
-    return low, (nx, ny, nz)
+    return low, require_room(cells, spacing)
 
 
 def _box(
-    surface: Surface, origin: NDArray[np.float64], spacing: NDArray[np.float64], shape: tuple[int, int, int]
+    surface: MeshSurface, origin: NDArray[np.float64], spacing: NDArray[np.float64], shape: tuple[int, int, int]
 ) -> Box:
     """The cells of the grid that the surface's bounding box touches."""
     low = np.floor((surface.vertices.min(axis=0) - origin) / spacing).astype(np.int64)
@@ -163,14 +148,14 @@ def _box(
 
 
 def _index_coordinates(
-    surface: Surface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
+    surface: MeshSurface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
 ) -> NDArray[np.float64]:
     """Vertices (n, 3) in cells of the box, its voxel centres at the integers."""
     return (surface.vertices - origin) / spacing - 0.5 - box.low
 
 
 def _winding(
-    surface: Surface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
+    surface: MeshSurface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
 ) -> NDArray[np.int32]:
     """w of a closed surface at the voxels of the box (nx, ny, nz)."""
     nx, ny, nz = box.shape
@@ -181,7 +166,7 @@ def _winding(
 
 
 def _inside(
-    surface: Surface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
+    surface: MeshSurface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Where w > ½ in the box, and what else w tells."""
     if surface.open_edges:
@@ -199,7 +184,7 @@ def _inside(
 
 
 def _generalized(
-    surface: Surface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
+    surface: MeshSurface, origin: NDArray[np.float64], spacing: NDArray[np.float64], box: Box
 ) -> NDArray[np.bool_]:
     """Where the generalized winding number is > ½ in the box."""
     igl = import_igl(surface.name)
@@ -224,7 +209,7 @@ def _generalized(
 
 
 def _losses(
-    surface: Surface,
+    surface: MeshSurface,
     inside: NDArray[np.bool_],
     origin: NDArray[np.float64],
     spacing: NDArray[np.float64],

@@ -11,26 +11,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
-from mjframes.weights.harmonic import harmonic_weights
-from mjframes.weights.kernels import Harmonic, Linear, Voronoi, Weights
-from mjframes.weights.linear import linear_weights
-from mjframes.weights.voronoi import voronoi_weights
-
-
-def frame_weights(grid: Grid, placement: Placement, weights: Weights) -> sparse.csr_array:
-    """Return the frames' weights at the voxel centres, (n, f) with sorted indices.
-
-    Raise MjframesError where `linear_weights` does.
-    """
-    match weights:
-        case Voronoi(subdivisions):
-            return voronoi_weights(grid, placement, int(subdivisions))
-        case Harmonic():
-            return harmonic_weights(grid, placement)
-        case Linear(axis):
-            return linear_weights(grid, placement, axis)
 
 
 def frame_count(weights: sparse.csr_array) -> int:

@@ -25,13 +25,13 @@ from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
-from mjframes.whole_body.following import assembled, compliance, correction
-from mjframes.whole_body.lifting import Lifting, displaced, lifting
+from mjframes.whole_body.modes import Lifting, displaced, lifting
 from mjframes.whole_body.probes import Probes, missing, probed, probes
 from mjframes.whole_body.pushes import Pushed, free_surface
 from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import Superelement, superelement
+from mjframes.whole_body.weight_correction import assembled, compliance, correction
 
 Array = NDArray[np.float64]
 

@@ -38,9 +38,9 @@ from mjframes.elasticity.shares import by_material, factor_of
 from mjframes.elasticity.stiffness import Stiffness, blind_to_translations
 from mjframes.kinematics.control import ControlPoints
 from mjframes.volume.grid import Grid
-from mjframes.whole_body.following import assembled
 from mjframes.whole_body.selection import split
 from mjframes.whole_body.superelement import Superelement, degrees, frame_motions
+from mjframes.whole_body.weight_correction import assembled
 
 Array = NDArray[np.float64]
 

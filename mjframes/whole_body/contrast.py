@@ -11,10 +11,10 @@ FIRM = 1e6  # [-] Young's modulus, to the softest material's, from which on a ma
 
 
 class RigidWarning(UserWarning):
-    """A material was taken as rigid."""
+    """A material is so much stiffer than the others that it was taken as rigid."""
 
 
-def firm_as_rigid(volume: Volume) -> Volume:
+def nearly_rigid_as_rigid(volume: Volume) -> Volume:
     """Return the volume with all that is FIRM times its softest material made rigid. Warn of it by a RigidWarning."""
     used = {label: material for label, material in volume.materials.items() if (volume.labels == label).any()}
     soft = min((material.young for material in used.values() if not material.is_rigid), default=0.0)

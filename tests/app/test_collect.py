@@ -22,11 +22,11 @@ from builders.pictures import film, share_drawn
 from builders.scenes import lump
 from builders.tiers import thinned
 
-from mjframes.app.collect.plan import Plan, engine
+from mjframes.app.collect.options import CollectOptions
+from mjframes.app.collect.plan import engine
 from mjframes.app.collect.push import pushes
-from mjframes.app.collect.run import TABLE, collect
+from mjframes.app.collect.run import SUMS, TABLE, collect
 from mjframes.app.collect.shard import shard_bytes
-from mjframes.app.collect.sums import SUMS
 from mjframes.app.log.read import read_log
 from mjframes.app.replay import film_of, state_at
 from mjframes.base.errors import MjframesError
@@ -103,13 +103,13 @@ def test_a_world_is_what_one_run_with_its_row_of_the_table_is(scene: Path, whole
     states = log.states()
     assert len(states) == int(row["entries"]) == 10
     common, second = float(row["lump.stiffness"]), float(row["lump.2"])
-    scale(model, "lump", {1: common, 2: common * second, 3: common}, damping=(1.0, float(row["lump.beta"])))
+    scale(model, "lump", materials={1: common, 2: common * second, 3: common}, damping=(1.0, float(row["lump.beta"])))
     data = mujoco.MjData(model)
     data.qpos[:] = states[0]["qpos"]
     weights = pushes(model, data, [("lump", (0, 1)), ("ball", (0, 1))], 1.0)
     drawn = {name: float(row[name]) for name in row if ".push." in name}
     mujoco.mj_forward(model, data)
-    wrenches = [push.wrenches(data, drawn) for push in weights]
+    wrenches = [push.wrenches(model, data, drawn) for push in weights]
     first = [round(drawn[f"{body}.push.time"] / 0.004) for body in ("lump", "ball")]
     found = []
     for step in range(50):
@@ -236,9 +236,8 @@ def test_another_engine_is_refused(scene: Path, tmp_path: Path) -> None:
     plan.write_text(plan.read_text().replace(engine(), "mujoco 1.2.3, plugin 0123"))
     with pytest.raises(MjframesError, match=f"begun with engine mujoco 1.2.3, plugin 0123 and not {engine()}"):
         collect(scene, tmp_path / "runs", **few)
-    old = Plan("", 1, 0.1, (), (), "none", 50.0, 0, 1, "mujoco 1.2.3, plugin 0123")
     with pytest.raises(MjframesError, match=f"a worker has {engine()}, but the plan is for mujoco 1.2.3"):
-        shard_bytes(old, {}, 0, 1)
+        shard_bytes(CollectOptions(scene, tmp_path, worlds=1), {}, 0, 1, "mujoco 1.2.3, plugin 0123")
 
 
 def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> None:
@@ -259,7 +258,7 @@ def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> 
             ({"seconds": 0.0}, "seconds is 0.0; give a positive time"),
             ({"rate": np.nan}, "rate is nan; give a positive number"),
             ({"threads": 0}, "threads is 0; give a whole number"),
-            ({"control": "good"}, "control is 'good'; it is one of none, random"),
+            ({"control": "good"}, "control is 'good'; it must be one of 'none', 'random'"),
             ({"vary": {"lump": (0, 1)}}, "vary has 'lump'; give BODY and what of it"),
             (
                 {"vary": {"lump.color": (1, 2)}},
@@ -365,9 +364,8 @@ def test_a_push_puts_its_force_on_the_body(scene: Path) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     (push,) = pushes(model, data, [("lump", (1.0, 1.0))], 1.0)
-    np.testing.assert_allclose(push.weights.sum(axis=0), 1, atol=1e-5)
     drawn = push.draw(0, 5, 1.0)
-    found = push.wrenches(data, drawn)[:, :3]
+    found = push.wrenches(model, data, drawn)[:, :3]
     np.testing.assert_allclose(found.sum(axis=0), [drawn[f"lump.push.{axis}"] for axis in "xyz"], rtol=1e-5)
     assert np.linalg.norm(found.sum(axis=0)) == pytest.approx(1, rel=1e-5)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 import shlex
@@ -96,6 +97,21 @@ def test_links_and_pictures_of_pages_exist() -> None:
 def test_the_reference_has_all_that_is_public() -> None:
     documented = re.findall(r"^\.\. auto\w+:: mjframes\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
     assert sorted(documented) == sorted(mf.__all__)
+
+
+@pytest.mark.parametrize("name", sorted(set(mf.__all__) - {"soft", "Soft"}))
+def test_docstrings_of_what_is_public_describe_every_parameter(name: str) -> None:
+    """In numpydoc's sections, which editors show."""
+    public = getattr(mf, name)
+    if isinstance(public, type) and issubclass(public, BaseException):
+        assert str(public.__doc__).endswith(".")
+        return
+    described = []
+    _, _, section = str(inspect.getdoc(public)).partition("Parameters\n----------\n")
+    for line in re.split(r"\n\n\w+\n-{3,}\n", section)[0].splitlines():
+        if line and not line.startswith(" "):
+            described += line.split(", ")
+    assert sorted(described) == sorted(inspect.signature(public).parameters)
 
 
 def test_formulas_need_no_accents_of_time_derivatives() -> None:

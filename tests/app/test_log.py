@@ -29,6 +29,7 @@ from mjframes.app.log import numbers, write
 from mjframes.app.log.numbers import FIELDS, instants, messages, state_message
 from mjframes.app.log.options import TOPICS, Log
 from mjframes.app.log.read import read_log
+from mjframes.app.measure import measure, state_of
 from mjframes.app.recording import Instant, State
 from mjframes.app.replay import film_of, plot_of, state_at
 from mjframes.app.run import record
@@ -36,7 +37,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.scene.packed import NUMBERS, SCENE, pack, unpack
 from mjframes.scene.scene_file import standalone_scene
-from mjframes.scene.view import soft
+from mjframes.scene.view import soft, soft_names
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
@@ -302,10 +303,26 @@ def test_any_instant_comes_back_from_its_messages() -> None:
         0.3, 1 / 3, -2 / 3, {"a": 1e-17, "b c": 0.7}, {"a": 0.1, "b c": 0.2}, 5, 1e-5, 3.3,
         {"a": 1 / 7, "b c": 2.2}, 0.1 + 0.2, 7.7,
     )  # fmt: skip
-    logged = {topic: [json.loads(json.dumps({"time": one.time, **m}))] for topic, m in messages(one).items()}
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    said = messages(model, mujoco.MjData(model), one, TOPICS)
+    logged = {topic: [json.loads(json.dumps({"time": one.time, **m}))] for topic, m in said.items()}
     (other,) = instants(logged)
     for field in dataclasses.fields(Instant):
         assert getattr(one, field.name) == getattr(other, field.name), field.name
+
+
+@pytest.mark.parametrize("topic", numbers.TOPICS)
+def test_a_topic_writes_the_channels_that_it_declares(topic: str, fallen: tuple[mujoco.MjModel, Path]) -> None:
+    for model in (fallen[0], mujoco.MjModel.from_xml_string(ROOM)):
+        data = mujoco.MjData(model)
+        bodies = {name: soft(model, data, name) for name in soft_names(model)}
+        mujoco.mj_forward(model, data)
+        instant = measure(model, data, bodies, state_of(data), 0.0)
+        declared = numbers.TOPICS[topic].fields(model, list(bodies))
+        said = numbers.TOPICS[topic].messages(model, data, instant)
+        assert {channel: set(fields) for channel, fields in declared.items()} == {
+            channel: set(message) for channel, message in said.items()
+        }
 
 
 def test_a_state_is_the_nearest_one(tmp_path: Path) -> None:

@@ -138,7 +138,7 @@ def test_a_held_point_moves_as_its_skin_does() -> None:
         vertex = len(vertices[skin]) // 2
         grip = grip_skin(model, data, skin, vertices[skin], vertices[skin][vertex])
         assert grip.position(data) == pytest.approx(vertices[skin][vertex], abs=1e-5)
-        assert len(grip.bodies) >= 4
+        assert len(grip.point.bodies) >= 4
         assert grip.mass == pytest.approx(model.body_subtreemass[0], rel=1e-6)
         direction = rng.normal(size=model.nv)
         force = grip.pull(model, data, grip.position(data) + np.array([0.01, 0, 0.02]), 5.0)

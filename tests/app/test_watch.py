@@ -14,7 +14,7 @@ import pytest
 from builders.scenes import FLOOR, TILTED, compiled
 
 from benchmarks.stability.states import jacobian, move_points
-from mjframes.app.collect.plan import Plan
+from mjframes.app.collect.options import CollectOptions
 from mjframes.app.collect.worlds import Stepping
 from mjframes.app.measure import measure, state_of
 from mjframes.app.run import record
@@ -237,8 +237,7 @@ def test_collect_tells_of_bodies_that_are_too_large_or_folded_at_the_end(tmp_pat
     volume = Volume.from_labels(BAR, 0.01, {1: Material(2e5, 0.4, 1000)})
     path = tmp_path / "bar.xml"
     path.write_text(standalone_scene(bar(), volume, name="bar").to_xml())
-    plan = Plan("", 3, 1.0, (), (), "none", 10.0, 0, 3, "")
-    stepping = Stepping(plan, load_scene(path)[0])
+    stepping = Stepping(CollectOptions(path, tmp_path, worlds=3, seconds=1.0, rate=10.0), load_scene(path)[0])
     assert said(lambda: stepping.run(range(3), 1)) == []
     view = soft(stepping.model, stepping.data, "bar")
     rest = view.control_positions.copy()
@@ -267,7 +266,7 @@ def test_soft_bodies_that_are_inside_each_other_are_told_of_once(tmp_path: Path,
     assert [re.sub(r"\d+ mm|at .* s;", "…", sentence).split(" start")[0] for sentence in sentences] == told * [
         "the soft bodies 'left' and 'right' are … inside each other …"
     ]
-    stepping = Stepping(Plan("", 3, 1.0, (), (), "none", 10.0, 0, 3, ""), model)
+    stepping = Stepping(CollectOptions(path, tmp_path, worlds=3, seconds=1.0, rate=10.0), model)
     entries = np.zeros((2, 1, model.nq))
     found = said(lambda: stepping.tell_of_bodies(entries, np.array([1, 1]), [4, 5]))
     assert ["at the end of 2 worlds, the first of them 4;" in sentence for sentence in found] == [True] * told

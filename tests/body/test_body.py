@@ -53,6 +53,17 @@ def test_surfaces_hang_on_the_control_points(make) -> None:
         np.testing.assert_allclose(weights @ body.control.rest, points, atol=1e-12)
 
 
+def test_the_skin_has_as_many_vertices_as_asked_for_and_touches_the_same() -> None:
+    volume = Volume.sphere(0.03, SOFT, 0.0015)
+    plain, coarse, fine = (build(volume, 1, skin_vertices=count) for count in (None, 400, 6000))
+    assert len(coarse.skin.vertices) == pytest.approx(400, rel=0.1)
+    assert len(fine.skin.vertices) == pytest.approx(6000, rel=0.1)
+    assert len(plain.skin.vertices) == pytest.approx(5000, rel=0.1)
+    for other in (coarse, fine):
+        np.testing.assert_array_equal(other.contact.positions, plain.contact.positions)
+        np.testing.assert_allclose(other.skin.weights @ other.control.rest, other.skin.vertices, atol=1e-12)
+
+
 def test_frames_are_numbered_parents_first() -> None:
     for body in (lump(), beam()):
         assert body.parent[0] == -1

@@ -65,11 +65,11 @@ def test_the_command_line_announces_it_before_and_refuses_in_one_sentence(
 
 
 def test_a_grid_that_memory_will_not_hold_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjframes.volume.voxelize.available_memory", lambda: 1e6)
+    monkeypatch.setattr("mjframes.volume.spacing.available_memory", lambda: 1e6)
     ball = trimesh.creation.icosphere(radius=0.05)
     with pytest.raises(
         mf.MjframesError, match=r"which makes 1\.0e\+06 cells: these take about .* a spacing of 0\.0022 m"
     ):
         mf.Volume.from_meshes([(ball, FLESH)], 0.001)
-    monkeypatch.setattr("mjframes.volume.voxelize.available_memory", lambda: 1e7)
+    monkeypatch.setattr("mjframes.volume.spacing.available_memory", lambda: 1e7)
     mf.Volume.from_meshes([(ball, FLESH)], 0.001)

@@ -25,7 +25,7 @@ def test_the_signature_and_the_help_of_build_have_every_field() -> None:
         list(inspect.signature(mf.build).parameters) == names == [field.name for field, _ in options_of(BuildOptions)]
     )
     for name in names:
-        assert f"\n{name}: " in str(mf.build.__doc__)
+        assert f"\n{name}\n    " in str(mf.build.__doc__)
 
 
 def parsed(*words: str) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def test_the_command_line_has_the_same_defaults() -> None:
 @pytest.mark.parametrize("name", sorted(parsed()))
 def test_each_option_of_the_command_line_arrives(name: str) -> None:
     field, said = next((field, said) for field, said in options_of(BuildOptions) if field.name == name)
-    text = {"E": "0.1", "N": "7", "ALPHA,BETA": "1,0.002", "LENGTH": "3mm"}.get(str(said.metavar)) or said.choices[-1]
+    text = {"E": "0.1", "N": "700", "ALPHA,BETA": "1,0.002", "LENGTH": "3mm"}.get(str(said.metavar)) or said.choices[-1]
     found = parsed(f"--{name.replace('_', '-')}", text)[name]
     assert found == (said.reads(text) if said.reads else text)
     assert found != field.default
@@ -68,6 +68,8 @@ def test_choices_have_options_of_their_own() -> None:
         ({"mode": None}, r"^mode is None; it must be one of 'implicit', 'explicit'\."),
         ({"law": "hooke"}, r"^law is 'hooke'; it must be one of 'corotational', 'green_lagrange',"),
         ({"frames": 2, "error": 0.1}, "^more than one of frames, at and error is given"),
+        ({"skin_vertices": 99}, r"^skin_vertices is 99; it must be a whole number from 100 on\."),
+        ({"skin_vertices": 1e3}, r"^skin_vertices is 1000\.0; it must be a whole number"),
         ({"contact_reach": 1.0}, r"^contact_reach is 1\.0; it must be positive and at most 10 voxels"),
     ],
 )

@@ -7,11 +7,10 @@ from functools import cache
 import numpy as np
 
 import mjframes as mf
+from mjframes.elasticity.law_table import ALL_LAWS
 from mjframes.volume.grid import voxel_grid
 
-LAWS = ["corotational", "green_lagrange", "neo_hookean", "mooney_rivlin", "arruda_boyce"]
-
-
+LAWS = list(ALL_LAWS)
 MATERIAL = mf.Material(young=5e4, poisson=0.3, density=1000)
 
 

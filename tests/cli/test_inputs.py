@@ -38,6 +38,16 @@ def test_flags() -> None:
     assert parse_fill("flesh:young=3e4,poisson=0.45,density=1050") == FLESH
 
 
+def test_constants_of_a_law_are_values_of_a_material() -> None:
+    material = parse_material("1=gum:young=3e4,poisson=0.45,density=1050,c10=2e3,segments=9")[1]
+    assert material.law_constants == {"c10": 2e3, "segments": 9.0}
+    named = parse_material("1=silicone-00-30:mu=2e4")[1]
+    assert named.law_constants == {"mu": 2e4}
+    for wrong in ("1:rigid,density=1900,c10=2e3", "1:young=3e4,poisson=0.45,density=1050,c20=2e3"):
+        with pytest.raises(MjframesError, match="with --law also bulk, c01, c10, mu, segments"):
+            parse_material(wrong)
+
+
 @pytest.mark.parametrize(
     "text",
     [

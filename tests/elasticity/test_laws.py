@@ -7,8 +7,8 @@ import pytest
 from builders.harness import region, respond, signed_svd
 from scipy.spatial.transform import Rotation
 
-from mjframes.base.choices import LAWS, Law
 from mjframes.base.errors import MjframesError
+from mjframes.elasticity.law_table import LAWS
 from mjframes.elasticity.laws import (
     REACH,
     LawParameters,
@@ -24,7 +24,7 @@ from mjframes.volume.material import Material
 FLESH = Material(2e4, 0.45, 1000)
 
 
-def with_constants(law: Law, material: Material = FLESH, **constants: float) -> LawParameters:
+def with_constants(law: str, material: Material = FLESH, **constants: float) -> LawParameters:
     return law_parameters(law, replace(material, law_constants=constants))
 
 
@@ -151,7 +151,7 @@ def test_incompressible_stretch_is_the_textbooks(stretch):
         0.5 + i1 / (10 * n) + 11 * i1**2 / (350 * n**2) + 19 * i1**3 / (1750 * n**3) + 519 * i1**4 / (134750 * n**4)
     )
     at_rest = 1 + 3 / (5 * n) + 99 / (175 * n**2) + 513 / (875 * n**3) + 42039 / (67375 * n**4)
-    assert pull(chains) == pytest.approx(common * chains.mu / at_rest * series, rel=1e-12)
+    assert pull(chains) == pytest.approx(common * chains["mu"] / at_rest * series, rel=1e-12)
 
 
 def test_energy_is_objective_and_isotropic(parameters):
@@ -173,7 +173,7 @@ def test_rest_is_the_only_minimum(parameters):
     F = of_singular_values(np.repeat(np.array(starts, float), 6, axis=0), rng)
     F += 0.05 * rng.normal(size=F.shape)
     for _ in range(200):
-        H = projected_hessian(parameters, F) + 1e-3 * parameters.bulk * np.eye(9)
+        H = projected_hessian(parameters, F) + 1e-3 * parameters["bulk"] * np.eye(9)
         step = np.linalg.solve(H, stress(parameters, F).reshape(-1, 9, 1)).reshape(F.shape)
         length = np.sqrt((step**2).sum(axis=(1, 2), keepdims=True))
         F = F - step * np.minimum(1, 0.1 / np.maximum(length, 1e-300))
@@ -200,7 +200,7 @@ def test_inverted_and_flat_points_are_pushed_back(parameters, smallest):
 def test_plugin_and_reference_agree_everywhere(parameters):
     F = gradients()
     psi, sigma, P, H = respond(parameters, F)
-    size = np.maximum(parameters.bulk, np.abs(H).max(axis=(1, 2)))
+    size = np.maximum(parameters["bulk"], np.abs(H).max(axis=(1, 2)))
     norm = np.maximum(1, np.sqrt((F**2).sum(axis=(1, 2))))
     assert np.isfinite(psi).all()
     assert np.abs((psi - energy(parameters, F)) / (size * norm**2)).max() < 1e-12
@@ -252,7 +252,7 @@ def test_singular_values_are_signed_and_accurate():
 
 @pytest.mark.parametrize(("m", "calm"), [(1, False), (4, False), (7, False), (12, False), (30, False), (30, True)])
 @pytest.mark.parametrize("law", LAWS)
-def test_a_region_is_the_sum_over_its_points(law: Law, m: int, calm: bool):
+def test_a_region_is_the_sum_over_its_points(law: str, m: int, calm: bool):
     rng = np.random.default_rng(m)
     q, k = 6, m + 5
     materials = [law_parameters(law, Material(1e4, 0.3, 1000)), law_parameters(law, Material(5e5, 0.45, 1000))]
@@ -302,7 +302,7 @@ def test_a_region_is_the_sum_over_its_points(law: Law, m: int, calm: bool):
 
 def test_constants_that_make_no_stable_law_are_named():
     with pytest.raises(MjframesError, match="'hooke'"):
-        law_parameters("hooke", FLESH)  # pyright: ignore[reportArgumentType]
+        law_parameters("hooke", FLESH)
     with pytest.raises(MjframesError, match=r"'c10'.*mu, bulk"):
         with_constants("neo_hookean", c10=1.0)
     with pytest.raises(MjframesError, match=r"segments.*at least 2"):

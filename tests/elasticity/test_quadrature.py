@@ -9,8 +9,8 @@ from builders.harness import region
 from builders.shapes import block, mixed
 from scipy import sparse
 
-from mjframes.base.choices import LAWS
 from mjframes.base.errors import MjframesError
+from mjframes.elasticity.law_table import LAWS
 from mjframes.elasticity.laws import law_parameters
 from mjframes.elasticity.moments import inside, mean_monomials, rule
 from mjframes.elasticity.quadrature import Quadrature, Strain, quadrature
@@ -23,7 +23,7 @@ from mjframes.kinematics.monomials import exponents, monomials
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import elimination_tree
 from mjframes.volume.grid import Grid, voxel_grid
-from mjframes.weights.weights import voronoi_weights
+from mjframes.weights.voronoi import voronoi_weights
 
 
 class Model:

@@ -9,7 +9,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.elasticity.regions import split_regions
 from mjframes.frames.placement import place_frames
 from mjframes.volume.grid import voxel_grid
-from mjframes.weights.weights import voronoi_weights
+from mjframes.weights.voronoi import voronoi_weights
 
 GRID = voxel_grid(mixed())
 WEIGHTS = voronoi_weights(GRID, place_frames(GRID, 6))

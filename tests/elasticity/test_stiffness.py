@@ -11,7 +11,7 @@ from mjframes.kinematics.control import control_points, points_of
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import depths, elimination_tree
 from mjframes.volume.grid import Grid, voxel_grid
-from mjframes.weights.weights import voronoi_weights
+from mjframes.weights.voronoi import voronoi_weights
 
 
 class Model:

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from mjframes.base.errors import MjframesError
 from mjframes.finite_elements import conjugate, kernels
-from mjframes.finite_elements.batch import Batch
+from mjframes.finite_elements.batch import LoadBatch
 from mjframes.finite_elements.cycle import precondition
 from mjframes.finite_elements.displacements import TOLERANCE, displacements
 from mjframes.finite_elements.element import CORNERS, brick_stiffness, coefficients
@@ -132,7 +132,7 @@ def test_products_are_those_of_the_assembled_matrix(name):
     r = rng.normal(size=x.shape)
     expected = r - some.matrix @ x / levels.unit
     found = r.astype(levels.dtype).ravel()
-    batch = Batch(levels)
+    batch = LoadBatch(levels)
     levels.finest.subtract(x.astype(levels.dtype).ravel(), found, batch.scratch[0], batch.lanes)
     size = abs(some.matrix) @ abs(x) / levels.unit
     assert np.all(abs(found.reshape(x.shape) - expected) < 20 * np.finfo(levels.dtype).eps * (size + abs(r)))
@@ -216,7 +216,7 @@ def test_the_preconditioner_is_symmetric_and_positive(name):
     some = body(name)
     levels, rng = some.solver.levels, np.random.default_rng(2)
     x = rng.normal(size=(3 * levels.nodes, levels.columns)) * some.free[:, None]
-    batch = Batch(levels)
+    batch = LoadBatch(levels)
     batch.r[0][:] = x.ravel()
     z = precondition(levels, batch).reshape(x.shape).astype(float)
     form = x.T @ z
@@ -428,7 +428,7 @@ def test_the_number_of_steps_does_not_depend_on_the_materials():
     for name in ("block", "composite 1:1e4", "composite 1:1e9"):
         some = body(name)
         levels = some.solver.levels
-        batch = Batch(levels)
+        batch = LoadBatch(levels)
         noise = np.random.default_rng(5).normal(size=(3 * levels.nodes, levels.columns)) * some.free[:, None]
         batch.residual[:] = noise.ravel()
         steps[name] = conjugate.solve(levels, batch, 0.01)

@@ -19,7 +19,7 @@ from mjframes.kinematics.control import (
     points_of,
 )
 from mjframes.volume.grid import Grid, voxel_grid
-from mjframes.weights.weights import voronoi_weights
+from mjframes.weights.voronoi import voronoi_weights
 
 GRIDS = {"mixed": voxel_grid(mixed()), "plate": block(14, 9, 1), "bar": block(20, 1, 1)}
 

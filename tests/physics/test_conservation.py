@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.stability.check import cases
 from benchmarks.stability.states import jacobian, move_with
 from examples import flight
-from mjframes.base.choices import LAWS
 from mjframes.body.build import build
+from mjframes.elasticity.law_table import LAWS
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume

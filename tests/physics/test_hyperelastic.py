@@ -26,8 +26,8 @@ from builders.tiers import thinned
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
-from mjframes.base.choices import LAWS
 from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.law_table import LAWS
 from mjframes.scene.view import soft
 
 METHODS = ("whole_body", "paper")

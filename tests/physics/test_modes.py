@@ -11,7 +11,7 @@ from builders.pictures import picture, share
 
 import mjframes as mf
 from examples import modes
-from mjframes.base.choices import LAWS
+from mjframes.elasticity.law_table import LAWS
 
 DEFORMED = [mode for mode in modes.MOTIONS if mode != "rest"]
 SHEAR_MODULUS = modes.YOUNG / (2 * (1 + modes.POISSON))

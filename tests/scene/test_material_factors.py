@@ -59,7 +59,7 @@ def layered(
 def compliance(body: SoftBody, factors: dict[str, float] | None = None) -> np.ndarray:
     """How material points move [m] by the body's weight along each axis and by pushes, by the plugin's own forces."""
     model, data = compiled("<mujoco/>", (body, (0, 0, 0), (1, 0, 0, 0)), contact=False)
-    scale(model, "soft0", **(factors or {}))
+    scale(model, "soft0", materials=factors)
     view = soft(model, data, "soft0")
     mujoco.mj_forward(model, data)
     loads = []
@@ -138,11 +138,11 @@ def test_all_materials_alike_are_the_common_factor(law: str, method: str) -> Non
         on_floor(layered(law=law, method=method, held=False)),
         on_floor(layered(law=law, method=method, held=False)),
     )
-    scale(both, "soft0", core=1.7, skin=1.7)
+    scale(both, "soft0", materials={"core": 1.7, "skin": 1.7})
     scale(one, "soft0", 1.7)
     np.testing.assert_array_equal(both.numeric_data, one.numeric_data)
     near = copy.copy(one)
-    scale(near, "soft0", 1.7, core=1.7 * (1 + 1e-12))
+    scale(near, "soft0", 1.7, materials={"core": 1.7 * (1 + 1e-12)})
     np.testing.assert_allclose(shaken(near), shaken(one), rtol=0, atol=1e-10)
 
 
@@ -160,7 +160,7 @@ def test_the_step_works_with_what_the_equations_say(law: str, method: str) -> No
     densities, seen = [], []
     many: tuple[dict[int | str, float], ...] = ({}, {"core": 0.3, "skin": 2.5})
     for factors in many:
-        scale(model, "soft0", factors)
+        scale(model, "soft0", materials=factors)
         data = turned_away(model)
         view = soft(model, data, "soft0")
         forces, size = view.elastic_forces, np.abs(data.qfrc_passive).max()
@@ -210,18 +210,18 @@ def test_rigid_materials_follow_the_stiffest_that_deforms() -> None:
 def test_factors_are_of_what_was_built() -> None:
     model = on_floor(layered(held=False))
     built = shaken(model)
-    scale(model, "soft0", skin=3.0)
+    scale(model, "soft0", materials={"skin": 3.0})
     once = shaken(model)
-    scale(model, "soft0", {4: 0.5})
-    scale(model, "soft0", {7: 3.0})
+    scale(model, "soft0", materials={4: 0.5})
+    scale(model, "soft0", materials={7: 3.0})
     np.testing.assert_array_equal(shaken(model), once)
-    scale(model, "soft0", {"core": 0.5}, skin=3.0)
+    scale(model, "soft0", materials={"core": 0.5, 7: 3.0})
     np.testing.assert_array_equal(model.numeric("soft0:stiffness").data, [0.5, 3.0])
-    scale(model, "soft0", 2.0, skin=3.0)
+    scale(model, "soft0", 2.0, materials={"skin": 3.0})
     np.testing.assert_array_equal(model.numeric("soft0:stiffness").data, [2.0, 3.0])
     scale(model, "soft0", damping=(2, 3))
     np.testing.assert_array_equal(model.numeric("soft0:stiffness").data, [2.0, 3.0])
-    scale(model, "soft0", {}, damping=(1, 1))
+    scale(model, "soft0", materials={}, damping=(1, 1))
     np.testing.assert_array_equal(shaken(model), built)
     assert np.abs(once - built).max() > 1e-4
 
@@ -255,13 +255,13 @@ def test_worlds_of_a_batch_are_the_single_runs(law: str, threads: int) -> None:
     core[3] = skin[3] = 1.0
     core[4] = skin[4] = 1.5
     start, batch = started(model), Batch(model, 16, threads)
-    scale(batch, "soft0", core=core, skin=skin)
+    scale(batch, "soft0", materials={"core": core, "skin": skin})
     batch.state[:, : len(start)] = start
     for _ in range(4):
         batch.step(nstep=5)
     for i in range(16):
         single = copy.copy(model)
-        scale(single, "soft0", core=core[i], skin=skin[i])
+        scale(single, "soft0", materials={"core": core[i], "skin": skin[i]})
         np.testing.assert_array_equal(batch.state[i, : len(start)], alone(single, start, 20))
     assert np.abs(np.diff(batch.bind("qpos"), axis=0)).max(axis=1).min() > 1e-6
 
@@ -271,7 +271,7 @@ def test_worlds_of_a_rollout_are_the_single_runs() -> None:
     core, skin = worlds()
     models = [copy.copy(model) for _ in core]
     for some, c, s in zip(models, core, skin, strict=True):
-        scale(some, "soft0", core=c, skin=s)
+        scale(some, "soft0", materials={"core": c, "skin": s})
     start = started(model)
     states, _ = rollout.rollout(models, [mujoco.MjData(model) for _ in range(2)], np.tile(start, (16, 1)), nstep=30)
     for some, rolled in zip(models, states, strict=True):
@@ -282,9 +282,9 @@ def test_worlds_of_a_batch_are_scaled_one_by_one() -> None:
     model = on_floor(layered(held=False))
     batch = Batch(model, 4, 1)
     place = slice(0, 2)
-    scale(batch, "soft0", core=2.0)
+    scale(batch, "soft0", materials={"core": 2.0})
     scale(batch, "soft0", 3.0, worlds=1)
-    scale(batch, "soft0", skin=[0.5, 0.25], worlds=[2, 0])
+    scale(batch, "soft0", materials={"skin": [0.5, 0.25]}, worlds=[2, 0])
     wanted = [[1, 0.25], [3, 3], [1, 0.5], [2, 1]]
     np.testing.assert_array_equal(batch.expand("numeric_data")[:, place], wanted)
     scale(batch, "soft0", damping=np.full((4, 2), 2.0))
@@ -298,9 +298,9 @@ def test_worlds_of_a_batch_are_scaled_one_by_one() -> None:
 
 def test_copies_of_data_and_models_have_their_own() -> None:
     model = on_floor(layered(held=False))
-    scale(model, "soft0", core=0.5)
+    scale(model, "soft0", materials={"core": 0.5})
     other = copy.copy(model)
-    scale(other, "soft0", core=2.0)
+    scale(other, "soft0", materials={"core": 2.0})
     data = mujoco.MjData(model)
     data.qvel[:] = 0.2 * np.random.default_rng(1).normal(size=model.nv)
     mujoco.mj_step(model, data, nstep=10)
@@ -329,9 +329,19 @@ def test_materials_survive_prefixes_suffixes_and_files(around: tuple[str, str] |
         assert materials(model, called) == {4: "core", 7: "skin"}
         energies = []
         for some, own in ((model, called), (reference, "soft0")):
-            scale(some, own, core=0.5, skin=2.0)
+            scale(some, own, materials={"core": 0.5, "skin": 2.0})
             energies.append(soft(some, turned_away(some), own).elastic_energy)
         np.testing.assert_allclose(*energies, rtol=1e-5)
+
+
+def test_a_material_may_be_called_as_an_argument_is() -> None:
+    table = {1: Material(1e4, 0.3, 1000, name="damping"), 2: Material(2e4, 0.3, 1000, name="worlds")}
+    labels = np.ones((6, 3, 3), int)
+    labels[3:] = 2
+    model = on_floor(build(Volume.from_labels(labels, 0.01, table), 2))
+    scale(model, "soft0", materials={"damping": 2.0, "worlds": 3.0})
+    np.testing.assert_array_equal(model.numeric("soft0:stiffness").data, [2, 3])
+    np.testing.assert_array_equal(model.numeric("soft0:damping").data, [1, 1])
 
 
 def test_names_may_have_any_letters() -> None:
@@ -347,7 +357,7 @@ def test_names_may_have_any_letters() -> None:
     attach(spec, body, "soft0")
     model = mujoco.MjModel.from_xml_string(spec.to_xml())
     assert materials(model, "soft0") == {1: "a=b, c", 2: 'süß"<', 9: ""}
-    scale(model, "soft0", {"a=b, c": 2.0, 'süß"<': 3.0, 9: 4.0})
+    scale(model, "soft0", materials={"a=b, c": 2.0, 'süß"<': 3.0, 9: 4.0})
     np.testing.assert_array_equal(model.numeric("soft0:stiffness").data, [2, 3, 4])
 
 
@@ -365,7 +375,7 @@ def test_a_saved_body_keeps_its_shares(tmp_path: Any) -> None:
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
 def test_a_factor_that_cannot_be_is_told_of_once_and_counts_as_one(wrong: float, warnings: list[str]) -> None:
     model = on_floor(layered(held=False))
-    scale(model, "soft0", core=2.0)
+    scale(model, "soft0", materials={"core": 2.0})
     wanted = shaken(model)
     model.numeric("soft0:stiffness").data[1] = wrong
     data = mujoco.MjData(model)
@@ -380,16 +390,18 @@ def test_a_factor_that_cannot_be_is_told_of_once_and_counts_as_one(wrong: float,
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"bone": 2.0}, "'bone' is no material that deforms: 'soft0' has 4 ('core'), 7 ('skin')."),
-        ({"stiffness": {5: 2.0}}, "5 is no material that deforms: 'soft0' has 4 ('core'), 7 ('skin')."),
-        ({"stiffness": {True: 2.0}}, "True is no material that deforms"),
-        ({"core": 0.0}, "the factor of material 'core' is 0.0; give a positive factor"),
-        ({"core": "2"}, "the factor of material 'core' is '2'; give a positive factor"),
-        ({"core": [1.0, 2.0]}, "the factor of material 'core' is [1.0, 2.0]; give a positive factor"),
-        ({"core": True}, "the factor of material 'core' is True; give a positive factor"),
-        ({"core": np.nan, "skin": 2.0}, "the factor of material 'core' is nan; give a positive factor"),
-        ({"core": 2.0, "damping": 1.0}, "damping is 1.0; give two positive factors"),
-        ({"core": 2.0, "worlds": 0}, "worlds is given, but the model is that of one"),
+        ({"materials": {"bone": 2.0}}, "'bone' is no material that deforms: 'soft0' has 4 ('core'), 7 ('skin')."),
+        ({"materials": {5: 2.0}}, "5 is no material that deforms: 'soft0' has 4 ('core'), 7 ('skin')."),
+        ({"materials": {True: 2.0}}, "True is no material that deforms"),
+        ({"materials": {"core": 0.0}}, "the factor of material 'core' is 0.0; give a positive factor"),
+        ({"materials": {"core": "2"}}, "the factor of material 'core' is '2'; give a positive factor"),
+        ({"materials": {"core": [1.0, 2.0]}}, "the factor of material 'core' is [1.0, 2.0]; give a positive factor"),
+        ({"materials": {"core": True}}, "the factor of material 'core' is True; give a positive factor"),
+        ({"materials": {"core": np.nan, "skin": 2.0}}, "the factor of material 'core' is nan; give a positive factor"),
+        ({"materials": {"core": 2.0}, "damping": 1.0}, "damping is 1.0; give two positive factors"),
+        ({"factor": {"core": 2.0}}, "factor is {'core': 2.0}; it must be one for all materials"),
+        ({"materials": 2.0}, "materials is 2.0; it must map names or labels to factors"),
+        ({"materials": {"core": 2.0}, "worlds": 0}, "worlds is given, but the model is that of one"),
     ],
 )
 def test_bad_factors_are_refused_in_a_sentence(arguments: dict[str, Any], sentence: str) -> None:
@@ -403,12 +415,12 @@ def test_bad_factors_are_refused_in_a_sentence(arguments: dict[str, Any], senten
     ("arguments", "sentence"),
     [
         (
-            {"core": np.ones(3)},
+            {"materials": {"core": np.ones(3)}},
             "the factor of material 'core' is array([1., 1., 1.]); give a positive factor of the moduli",
         ),
-        ({"core": 2.0, "worlds": 4}, "worlds is 4; give numbers of worlds from 0 to 3"),
-        ({"core": 2.0, "worlds": [-1]}, "worlds is [-1]; give numbers of worlds from 0 to 3"),
-        ({"core": [1.0, 2.0], "worlds": [0]}, "or 1 of them, one a world"),
+        ({"materials": {"core": 2.0}, "worlds": 4}, "worlds is 4; give numbers of worlds from 0 to 3"),
+        ({"materials": {"core": 2.0}, "worlds": [-1]}, "worlds is [-1]; give numbers of worlds from 0 to 3"),
+        ({"materials": {"core": [1.0, 2.0]}, "worlds": [0]}, "or 1 of them, one a world"),
     ],
 )
 def test_bad_factors_of_worlds_are_refused_in_a_sentence(arguments: dict[str, Any], sentence: str) -> None:
@@ -421,7 +433,7 @@ def test_bad_factors_of_worlds_are_refused_in_a_sentence(arguments: dict[str, An
 def test_several_materials_of_one_name_need_their_labels() -> None:
     model, _ = in_space(lump())
     with pytest.raises(MjframesError, match=re.escape("'' is the name of several materials; give their labels")):
-        scale(model, "soft0", {"": 2.0})
+        scale(model, "soft0", materials={"": 2.0})
 
 
 def test_bodies_of_one_material_have_one_factor() -> None:
@@ -435,5 +447,5 @@ def test_bodies_of_one_material_have_one_factor() -> None:
     )
     model = on_floor(body)
     assert "materials" not in soft(model, mujoco.MjData(model), "soft0").configuration
-    scale(model, "soft0", gel=2.0)
+    scale(model, "soft0", materials={"gel": 2.0})
     np.testing.assert_array_equal(model.numeric("soft0:stiffness").data, [2.0])

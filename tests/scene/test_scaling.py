@@ -213,12 +213,12 @@ def test_models_without_numerics_are_as_they_were_built() -> None:
     ("arguments", "sentence"),
     [
         (
-            {"name": "flesh", "stiffness": 2.0},
+            {"name": "flesh", "factor": 2.0},
             "soft bodies that the model can scale are: 'soft0'",
         ),
-        ({"name": "soft0", "stiffness": 0.0}, "stiffness is 0.0; give a positive factor"),
-        ({"name": "soft0", "stiffness": np.nan}, "stiffness is nan; give a positive factor"),
-        ({"name": "soft0", "stiffness": "2"}, "stiffness is '2'; give a positive factor"),
+        ({"name": "soft0", "factor": 0.0}, "factor is 0.0; give a positive factor"),
+        ({"name": "soft0", "factor": np.nan}, "factor is nan; give a positive factor"),
+        ({"name": "soft0", "factor": "2"}, "factor is '2'; give a positive factor"),
         ({"name": "soft0", "damping": 2.0}, "damping is 2.0; give two positive factors"),
         ({"name": "soft0", "damping": (1.0, -1.0)}, "damping is (1.0, -1.0); give two positive factors"),
     ],

@@ -35,11 +35,15 @@ def sensed(body: mf.SoftBody, xml: str = FLOOR, pos: tuple[float, ...] = (0.1, 0
     spec = mujoco.MjSpec.from_string(xml)
     parent = spec.body("upper") or spec.worldbody
     mf.attach(spec, body, "meat", parent, pos=pos, quat=(0.8, 0, -0.6, 0) if xml == FLOOR else (1, 0, 0, 0))
-    for quantity in sensors.WHOLE:
-        mf.add_sensor(spec, body, "meat", quantity)
-    for quantity in sensors.OF_POINTS:
-        mf.add_sensor(spec, body, "meat", quantity, chosen(body))
+    for quantity, measured in sensors.QUANTITIES.items():
+        mf.add_sensor(spec, body, "meat", quantity, chosen(body) if measured.reads else None)
     return spec
+
+
+def test_sensors_have_as_many_values_as_their_table_says() -> None:
+    model = sensed(block()).compile()
+    for quantity, measured in sensors.QUANTITIES.items():
+        assert model.sensor(f"meat_{quantity}").dim[0] == measured.values * (20 if measured.reads else 1)
 
 
 def chosen(body: mf.SoftBody) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy import sparse
 from mjframes.frames.placement import place_frames
 from mjframes.kinematics.control import ControlPoints, control_points
 from mjframes.surface.patches import CLUSTERS, FEW, Patches, group_patches
-from mjframes.weights.weights import voronoi_weights
+from mjframes.weights.voronoi import voronoi_weights
 
 NORMALS = np.array([[1, 0.1, 0], [-1, 0.2, 0], [0, 1, 0.3], [0.1, -1, 0], [0, 0, 1], [0.2, 0, -1]])
 

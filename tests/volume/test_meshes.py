@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.volume.material import Material
-from mjframes.volume.meshes import MeshLike, MeshWarning, Surface, lids, load_surface, winding_number
+from mjframes.volume.meshes import MeshLike, MeshSurface, MeshWarning, lids, load_surface, winding_number
 from mjframes.volume.volume import Volume
 from mjframes.volume.voxelize import _crossings, spacing_for
 
@@ -62,7 +62,7 @@ def turned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
 
 
-def exact_volume(surface: Surface, side: int = 40) -> float:
+def exact_volume(surface: MeshSurface, side: int = 40) -> float:
     """∫ [w > ½] dV by the sum over all triangles at side³ points, one at random in each cell."""
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     cells = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

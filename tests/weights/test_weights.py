@@ -10,7 +10,7 @@ from mjframes.frames.placement import Placement, place_frames
 from mjframes.volume.grid import Grid, voxel_grid
 from mjframes.weights.kernels import Voronoi, weights_of
 from mjframes.weights.voronoi import voronoi_weights
-from mjframes.weights.weights import frame_weights, weight_gradients, weights_at
+from mjframes.weights.weights import weight_gradients, weights_at
 
 CASES = {
     "mixed": (voxel_grid(mixed()), 6),
@@ -138,7 +138,7 @@ def test_gradients_of_some_frames_sum_to_zero():
 def test_every_kind_is_a_partition_of_unity_that_interpolates(kind):
     grid = bar(*[1] * 8, *[4] * 3, *[2] * 8)
     placement = place_frames(grid, at=grid.centers[[0, 5, -1]])
-    weights = frame_weights(grid, placement, weights_of(kind))
+    weights = weights_of(kind).at_voxels(grid, placement)
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
     assert np.array_equal(weights.toarray()[[0, 5, 18]], np.eye(3))
     assert np.ptp(weights.toarray()[8:11], axis=0).max() == 0
@@ -148,7 +148,7 @@ def test_every_kind_is_a_partition_of_unity_that_interpolates(kind):
 def test_subdivisions_reach_the_kernels():
     grid = block(14, 9, 2)
     placement = place_frames(grid, 4)
-    assert abs(frame_weights(grid, placement, Voronoi(3)) - frame_weights(grid, placement, Voronoi())).max() > 0.01
+    assert abs(Voronoi(3).at_voxels(grid, placement) - Voronoi().at_voxels(grid, placement)).max() > 0.01
 
 
 @pytest.mark.parametrize(
@@ -162,4 +162,4 @@ def test_subdivisions_reach_the_kernels():
 def test_unknown_kernels_are_refused(kind, subdivisions, words):
     grid = bar(1, 1, 1)
     with pytest.raises(MjframesError, match=words):
-        frame_weights(grid, place_frames(grid, 1), weights_of(Voronoi(subdivisions) if kind == "voronoi" else kind))
+        weights_of(Voronoi(subdivisions) if kind == "voronoi" else kind).at_voxels(grid, place_frames(grid, 1))

@@ -26,10 +26,10 @@ from mjframes.kinematics.control import control_points, control_weights
 from mjframes.scene.view import soft
 from mjframes.volume.grid import evened, voxel_grid
 from mjframes.whole_body.error import BodyError
-from mjframes.whole_body.following import assembled, compliance
 from mjframes.whole_body.regions import bone_frames
 from mjframes.whole_body.selection import families, select
 from mjframes.whole_body.superelement import Superelement, degrees, moments, superelement
+from mjframes.whole_body.weight_correction import assembled, compliance
 
 SPACING = 0.01
 SOFT, HARD = mf.Material(1e4, 0.35, 1000), mf.Material(1e6, 0.3, 1200)

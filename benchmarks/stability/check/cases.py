@@ -12,9 +12,10 @@ from functools import cache
 
 import numpy as np
 
-from mjframes.base.choices import COROTATIONAL, LAWS, PAPER, WHOLE_BODY
+from mjframes.base.choices import COROTATIONAL, PAPER, WHOLE_BODY
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.law_table import LAWS
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 

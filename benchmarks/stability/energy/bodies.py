@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.stability.energy.shapes import SHAPES, VOXELS, drawn
-from mjframes.base.choices import COROTATIONAL, LAWS, PAPER, WHOLE_BODY
+from mjframes.base.choices import COROTATIONAL, PAPER, WHOLE_BODY
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.law_table import LAWS
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
@@ -92,7 +93,7 @@ def subjects(count: int, seed: int, laws: Sequence[str], meshes: bool = True) ->
     found = list(plain) if COROTATIONAL in laws else []
     for law in LAWS:
         if law in laws:
-            found += [replace(subject, law=law) for subject in plain[LAWS.index(law) :: EVERY["hyperelastic"]]]
+            found += [replace(subject, law=law) for subject in plain[list(LAWS).index(law) :: EVERY["hyperelastic"]]]
     if PAPER in laws:
         found += [replace(subject, method=PAPER) for subject in plain[:: EVERY[PAPER]]]
     return found

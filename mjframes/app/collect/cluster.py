@@ -7,7 +7,8 @@ import os
 import socket
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjframes.app.collect.plan import Plan
+from mjframes.app.collect.options import CollectOptions
+from mjframes.app.collect.plan import engine
 from mjframes.app.collect.shard import shard_bytes
 from mjframes.base.errors import MjframesError
 from mjframes.base.packages import optional
@@ -18,16 +19,18 @@ AHEAD = 2  # [a processor] shards that are asked for at a time: their results wa
 
 
 def on_cluster(
-    address: str, plan: Plan, files: Mapping[str, bytes], shards: Sequence[int], threads: int
+    address: str, options: CollectOptions, files: Mapping[str, bytes], shards: Sequence[int], threads: int
 ) -> Iterator[tuple[int, bytes]]:
-    """Yield shards of a plan and their numbers as they are done, in any order.
+    """Yield shards and their numbers as they are done, in any order.
 
     address: of the cluster, "local" for a new one on this machine.  threads: of each task.
     Raise MjframesError where Ray is not installed or the cluster cannot be reached.
     """
     ray = optional("ray", "a cluster", "ray")
+    host, colon, port = address.rpartition("://")[2].rpartition(":")
     try:
-        _knock(address)
+        if colon and port.isdecimal():
+            socket.create_connection((host.strip("[]"), int(port)), PATIENCE).close()
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster started here sends nothing home
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, RuntimeError, ValueError) as error:
@@ -41,7 +44,7 @@ def on_cluster(
             room = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)) // threads)
             while waiting and len(running) < room:
                 number = waiting.pop(0)
-                running[task.remote(plan, scene, number, threads)] = number
+                running[task.remote(options, scene, number, threads, engine())] = number
             done, _ = ray.wait(list(running), num_returns=1)
             try:
                 yield running.pop(done[0]), ray.get(done[0])
@@ -52,10 +55,3 @@ def on_cluster(
                 raise MjframesError(f"the cluster could not compute a shard ({reason}).") from error
     finally:
         ray.shutdown()
-
-
-def _knock(address: str) -> None:
-    """Raise OSError where nobody listens at an address that has a port."""
-    host, colon, port = address.rpartition("://")[2].rpartition(":")
-    if colon and port.isdecimal():
-        socket.create_connection((host.strip("[]"), int(port)), PATIENCE).close()

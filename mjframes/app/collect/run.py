@@ -4,41 +4,50 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import os
+import math
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import track
 
 from mjframes.app.collect.cluster import on_cluster
-from mjframes.app.collect.plan import Bounds, Plan, begin, digest, engine
-from mjframes.app.collect.shard import shard_bytes, shard_path, stepping_of
-from mjframes.app.collect.sums import is_finished, read_sums, write_sums
-from mjframes.app.collect.variation import checked
+from mjframes.app.collect.options import CollectOptions
+from mjframes.app.collect.plan import begin, engine
+from mjframes.app.collect.shard import shard_bytes, stepping_of
 from mjframes.app.log.worlds import WORLD
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, Notice
 from mjframes.base.files import replacing
+from mjframes.base.options import taking
 from mjframes.base.packages import optional
 from mjframes.base.threads import processors
 from mjframes.scene.load import load_scene
 from mjframes.scene.packed import pack
 
 TABLE = "worlds.csv"
+SUMS = "SHA256SUMS"  # digests of the shards, as `sha256sum` writes and checks them: they tell of a damaged shard
 PARTIAL = re.compile(r"\.[\w-]+\.(\d+)\.partial\.\w+")  # see `base.files.replacing`
 
 
 @dataclass(frozen=True)
 class Collection:
-    """What was collected.
+    """What `collect` has written.
 
-    folder: of the shards and the table.  worlds: how many.  shards: their files.
-    ended: of how many worlds MuJoCo warned, whose entries end before that.
+    Parameters
+    ----------
+    folder
+        Folder of the shards and of the table.
+    worlds
+        Number of worlds.
+    shards
+        Files of the shards.
+    ended
+        Number of worlds that ended early because MuJoCo warned of them.
     """
 
     folder: Path
@@ -47,71 +56,50 @@ class Collection:
     ended: int
 
 
-def collect(
-    scene: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    worlds: int,
-    seconds: float,
-    vary: Mapping[str, Bounds] | Sequence[tuple[str, Bounds]] = (),
-    push: Mapping[str, Bounds] | Sequence[tuple[str, Bounds]] = (),
-    control: str = "none",
-    rate: float = 30.0,
-    seed: int = 0,
-    shard: int = 128,
-    threads: int | None = None,
-    ray: str | None = None,
-    progress: bool = False,
-) -> Collection:
-    """Step many worlds of a scene and keep their states and sensors, and what was drawn for each.
+@taking(CollectOptions)
+def collect(options: CollectOptions) -> Collection:
+    """Step many worlds of a scene and write their states, their sensors and what was drawn for each.
 
-    scene: MJCF file.  out: folder, new, empty, or of the same collection, which then goes on.
-    worlds, seconds: how many, and how long each [s].  rate: entries a simulated second [Hz].
-    vary: bounds of what is drawn, {"steak.stiffness": (0.5, 2)}; see `variation` for what there is.
-    push: bounds of a force on a body, {"steak": (0, 5)} [N]; see `push`.
-    control: "random" draws each actuator's control anew every tenth of a second, from its range.
-    seed: of all draws.  shard: worlds in a file.  threads: one a processor unless given; on a cluster one a shard.
-    ray: address of a Ray cluster that computes the shards, "local" for one of this machine's own.
-    progress: show a bar on a terminal.
-    What is kept depends neither on threads nor on where and how often it was interrupted, to the bit.
-    Raise MjframesError for arguments that cannot be, a folder of another collection, and what cannot be written.
+    What is written does not depend on the number of threads, nor on whether the collection was interrupted, to the bit.
+
+    Raises
+    ------
+    MjframesError
+        For arguments out of range, for a folder with another collection, and for files that cannot be written.
     """
-    if threads is not None and (not isinstance(threads, int) or threads < 1):
-        raise MjframesError(f"threads is {threads!r}; give a whole number from 1 on.")
     optional("mcap.writer", "a shard", "log")
-    _, spec = load_scene(scene)
+    _, spec = load_scene(options.scene)
     files = pack(spec)
-    bounds = _bounds_by_name(vary, "vary"), _bounds_by_name(push, "push")
-    plan = Plan(digest(files), worlds, seconds, *bounds, control, rate, seed, shard, engine())
-    stepping_of(plan, files)  # what cannot be is told of before there is a folder
-    folder = Path(out)
-    begin(plan, folder)
+    stepping_of(options, files)  # what cannot be is told of before there is a folder
+    begin(options, files)
+    folder = Path(options.out)
     _clear(folder)
-    paths = tuple(shard_path(folder, number) for number in range(plan.shards))
-    sums = read_sums(folder)
-    missing = [number for number, path in enumerate(paths) if not is_finished(path, sums)]
-    if ray is None:
-        work = partial(shard_bytes, plan, files, threads=threads or processors())
-        found: Iterator[tuple[int, bytes]] = ((number, work(number)) for number in missing)
-    else:
-        found = on_cluster(ray, plan, files, missing, threads or 1)
-    hidden = not (progress and sys.stderr.isatty())
+    paths = tuple(folder / f"shard-{k:05}.mcap" for k in range(math.ceil(options.worlds / options.shard)))
+    sums = _read_sums(folder)
+    missing = [number for number, path in enumerate(paths) if not _is_finished(path, sums)]
+    hidden = not (options.progress and sys.stderr.isatty())
     console = Console(stderr=True)
+    found = _computed(options, files, missing)
     for number, content in track(found, "shards", len(missing), console=console, transient=True, disable=hidden):
         sums[paths[number].name] = hashlib.sha256(content).hexdigest()
-        write_sums(folder, sums)  # first: a shard that is there has its digest
-        with replacing(paths[number], "the shard") as partial_path:
-            partial_path.write_bytes(content)
+        with replacing(folder / SUMS, "the digests") as partial:  # first: a shard that is there has its digest
+            partial.write_text("".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items())), "utf-8")
+        with replacing(paths[number], "the shard") as partial:
+            partial.write_bytes(content)
     rows = [row | {"file": path.name} for path in paths for row in _rows(path)]
-    _write_table(folder / TABLE, rows)
+    with replacing(folder / TABLE, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     return Collection(folder, len(rows), paths, sum(bool(row["ended"]) for row in rows))
 
 
-def _bounds_by_name(given: object, what: str) -> tuple[tuple[str, Bounds], ...]:
-    pairs = list(given.items()) if isinstance(given, Mapping) else given
-    if not isinstance(pairs, Sequence) or not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in pairs):
-        raise MjframesError(f"{what} is {given!r}; give bounds by name, as {{'steak.stiffness': (0.5, 2)}}.")
-    return tuple((str(name), checked(bounds, f"{what} of {str(name)!r}")) for name, bounds in pairs)
+def _computed(options: CollectOptions, files: Mapping[str, bytes], missing: list[int]) -> Iterator[tuple[int, bytes]]:
+    if options.ray is not None:
+        yield from on_cluster(options.ray, options, files, missing, options.threads or 1)
+        return
+    for number in missing:
+        yield number, shard_bytes(options, files, number, options.threads or processors(), engine())
 
 
 def _clear(folder: Path) -> None:
@@ -120,6 +108,28 @@ def _clear(folder: Path) -> None:
         if (match := PARTIAL.fullmatch(path.name)) and not Path(f"/proc/{match[1]}").exists():
             with suppress(OSError):
                 path.unlink()
+
+
+def _read_sums(folder: Path) -> dict[str, str]:
+    """The digests of the files in a folder, by name, as far as they are known."""
+    try:
+        text = (folder / SUMS).read_text(encoding="utf-8")
+    except (OSError, ValueError):  # none yet, or no text
+        return {}
+    return {name: digest for digest, name in re.findall(r"^([0-9a-f]{64})  (\S+)$", text, re.MULTILINE)}
+
+
+def _is_finished(path: Path, sums: Mapping[str, str]) -> bool:
+    """Whether a shard is there, as it was written; warn (Notice) of one that is not as it was."""
+    if not path.exists():
+        return False
+    with suppress(OSError), path.open("rb") as stream:  # a disk may be damaged as well
+        if hashlib.file_digest(stream, "sha256").hexdigest() == sums.get(path.name):
+            return True
+    warnings.warn(
+        f"{path}: it is not as it was written, but damaged or changed; it is computed again.", Notice, stacklevel=2
+    )
+    return False
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -132,10 +142,3 @@ def _rows(path: Path) -> list[dict[str, str]]:
             return [record.metadata for record in make_reader(stream).iter_metadata() if record.name == WORLD]
     except (OSError, McapError, ValueError) as error:
         raise MjframesError(f"{path}: the shard cannot be read ({error}); remove it, and collect again.") from error
-
-
-def _write_table(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
-    with replacing(path, "the table") as partial_path, partial_path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)

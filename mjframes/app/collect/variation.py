@@ -19,11 +19,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from mjframes.app.collect.plan import Bounds
+from mjframes.app.collect.options import Bounds
 from mjframes.base.errors import MjframesError
 from mjframes.scene.moving import Movable, movable
 from mjframes.scene.scaling import materials, scale
-from mjframes.volume.material import is_number
 
 STIFFNESS, DAMPING = "stiffness", ("alpha", "beta")
 SHIFTS, TURNS = ("x", "y", "z"), ("roll", "pitch", "yaw")
@@ -60,10 +59,9 @@ class Variation:
 def variations(model: mujoco.MjModel, vary: Sequence[tuple[str, Bounds]]) -> tuple[Variation, ...]:
     """Return what is asked for as `steak.stiffness`, with bounds.
 
-    Raise MjframesError for other texts, factors that are not positive, what is asked for twice, and what the model
-    does not have.
+    Raise MjframesError for other texts, factors that are not positive, and what the model does not have.
     """
-    found: dict[str, Variation] = {}
+    found = []
     for name, bounds in vary:
         body, dot, what = name.rpartition(".")
         if not (dot and body and what):
@@ -71,16 +69,14 @@ def variations(model: mujoco.MjModel, vary: Sequence[tuple[str, Bounds]]) -> tup
         one = Variation(body, what, bounds)
         if one.is_factor and bounds[0] <= 0:
             raise MjframesError(f"vary of {name!r} goes from {bounds[0]:g}; factors are positive, as 0.5:2.")
-        if name in found:
-            raise MjframesError(f"vary has {name!r} twice; leave one of them out.")
         known = materials(model, body)
         if what not in KEYS and [what in (called, str(label)) for label, called in known.items()].count(True) != 1:
             can = ", ".join([*KEYS, *(called or str(label) for label, called in known.items())])
             raise MjframesError(f"vary has {name!r}, but what of {body!r} can vary is: {can}.")
         if one.is_factor:
             scale(model, body)  # changes nothing, but tells of a body that cannot be scaled
-        found[name] = one
-    return tuple(found.values())
+        found.append(one)
+    return tuple(found)
 
 
 def set_materials(batch: Batch, found: Sequence[Variation], drawn: Sequence[Mapping[str, float]]) -> None:
@@ -92,13 +88,13 @@ def set_materials(batch: Batch, found: Sequence[Variation], drawn: Sequence[Mapp
     ones = np.ones(len(drawn))
     for body, of in factors.items():
         common, damping = of.get(STIFFNESS, ones), None
-        stiffness: dict[int | str, np.ndarray] | None = None
+        stiffness: dict[int, np.ndarray] | None = None
         if of.keys() - set(DAMPING):
             known = materials(batch.model, body).items()
             stiffness = {label: common * of.get(called, of.get(str(label), ones)) for label, called in known}
         if of.keys() & set(DAMPING):
             damping = np.stack([of.get(what, ones) for what in DAMPING], axis=1)
-        scale(batch, body, stiffness, damping=damping)
+        scale(batch, body, materials=stiffness, damping=damping)
 
 
 def movables(model: mujoco.MjModel, data: mujoco.MjData, found: Sequence[Variation]) -> dict[str, Movable]:
@@ -115,13 +111,6 @@ def starts(qpos: np.ndarray, moved: Mapping[str, Movable], drawn: Sequence[Mappi
             mujoco.mju_euler2Quat(turn, np.radians(angles), "XYZ")  # capitals: about axes that do not turn
             some.move(row, np.array(shift), turn)
     return found
-
-
-def checked(bounds: object, what: str) -> Bounds:
-    """Return two bounds.  Raise MjframesError, `what` is …, where they are none."""
-    if isinstance(bounds, Sequence) and len(bounds) == 2 and all(map(is_number, bounds)) and bounds[0] <= bounds[1]:
-        return float(bounds[0]), float(bounds[1])
-    raise MjframesError(f"{what} is {bounds!r}; give two numbers, the lower one first, as 0.5:2.")
 
 
 def stream(seed: int, world: int, name: str) -> np.random.Generator:

@@ -8,7 +8,8 @@ are to be looked at, while films are drawn from states.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -184,3 +185,11 @@ def _quaternion(values: np.ndarray) -> Quaternion:
 def _color(values: np.ndarray | tuple[float, ...]) -> Color:
     r, g, b, a = map(float, values)
     return Color(r=r, g=g, b=b, a=a)
+
+
+# What is drawn anew in every message: of a model, a function of its data and time [s], None where it has nothing of it
+CHANNELS: dict[str, Callable[[mujoco.MjModel], Callable[[mujoco.MjData, float], Drawing] | None]] = {
+    "/tf": lambda model: partial(transforms, model),
+    "/scene/soft": lambda model: Skins(model).update if model.nskin else None,
+    "/scene/forces": lambda model: partial(contact_forces, model),
+}

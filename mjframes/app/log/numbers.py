@@ -1,13 +1,15 @@
 """Numbers of a log: JSON messages, which keep every float64 as it is, and the JSON schemas that Foxglove plots by.
 
-Topics: /state, /energy and /soft/<name> for each soft body, /contacts, /sensors. All is SI.
+Channels: /state, /energy and /soft/<name> for each soft body, /contacts, /sensors. All is SI. TOPICS has what can be
+chosen; the command line, `Log`, the writer and the reader read it.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -35,19 +37,42 @@ FIELDS: dict[str, dict[str, Any]] = {
 }
 
 
+Fields = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Numbers that `--log-topics` has a name for.
+
+    fields: of a model and the names of its soft bodies, what each channel has: by name a unit, or a JSON schema.
+    messages: of a model, its data and an instant, what it says in each of these channels.
+    """
+
+    fields: Callable[[mujoco.MjModel, Collection[str]], dict[str, Fields]]
+    messages: Callable[[mujoco.MjModel, mujoco.MjData, Instant], dict[str, dict[str, Any]]]
+
+
 def nanoseconds_of(time: float) -> int:
     """Return simulated time [s] in nanoseconds."""
     return round(time * 1e9)
 
 
-def schemas(model: mujoco.MjModel, soft_names: Iterable[str], topics: Collection[str]) -> dict[str, dict[str, Any]]:
-    """Return the JSON schema of each topic of numbers."""
-    found = {f"/{name}": FIELDS[name] for name in ("state", "energy", "contacts") if name in topics}
-    if "energy" in topics:
-        found |= {f"/soft/{name}": FIELDS["soft"] for name in soft_names}
-    if "sensors" in topics and model.nsensor:
-        found["/sensors"] = sensor_fields(model)
-    return {topic: json_schema(topic.split("/")[1], fields) for topic, fields in found.items()}
+def schemas(model: mujoco.MjModel, soft_names: Collection[str], topics: Collection[str]) -> dict[str, Fields]:
+    """Return the JSON schema of each channel of numbers."""
+    found = {"/state": FIELDS["state"]} if "state" in topics else {}
+    for name, topic in TOPICS.items():
+        found |= topic.fields(model, soft_names) if name in topics else {}
+    return {channel: json_schema(channel.split("/")[1], fields) for channel, fields in found.items()}
+
+
+def messages(
+    model: mujoco.MjModel, data: mujoco.MjData, instant: Instant, topics: Collection[str]
+) -> dict[str, dict[str, Any]]:
+    """Return what an instant says in each channel of some topics; data: at that instant."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, topic in TOPICS.items():
+        found |= topic.messages(model, data, instant) if name in topics else {}
+    return found
 
 
 def sensor_fields(model: mujoco.MjModel) -> dict[str, Any]:
@@ -61,26 +86,18 @@ def state_message(state: State) -> dict[str, Any]:
     return {"qpos": state.qpos.tolist(), "qvel": state.qvel.tolist(), "act": state.act.tolist()}
 
 
-def messages(instant: Instant) -> dict[str, dict[str, Any]]:
-    """Return what an instant says in each topic."""
+def _energy(instant: Instant) -> dict[str, dict[str, Any]]:
     energy = {"kinetic": instant.kinetic, "potential": instant.potential, "elastic": sum(instant.elastic.values())}
-    return {
-        "/energy": {**energy, "total": instant.total, "speed": instant.speed},
-        "/contacts": {
-            "count": instant.contacts,
-            "penetration": instant.penetration,
-            "normal_force": instant.normal_force,
-            "rigid_force": instant.rigid_force,
-        },
-        **{
-            f"/soft/{name}": {
-                "elastic": elastic,
-                "kinetic": instant.soft_kinetic[name],
-                "normal_force": instant.soft_force[name],
-            }
-            for name, elastic in instant.elastic.items()
-        },
-    }
+    found: dict[str, dict[str, Any]] = {"/energy": {**energy, "total": instant.total, "speed": instant.speed}}
+    for name, elastic in instant.elastic.items():
+        kinetic, force = instant.soft_kinetic[name], instant.soft_force[name]
+        found[f"/soft/{name}"] = {"elastic": elastic, "kinetic": kinetic, "normal_force": force}
+    return found
+
+
+def _contacts(instant: Instant) -> dict[str, dict[str, Any]]:
+    names = {"count": "contacts"} | {name: name for name in ("penetration", "normal_force", "rigid_force")}
+    return {"/contacts": {key: getattr(instant, name) for key, name in names.items()}}
 
 
 def sensor_message(model: mujoco.MjModel, sensordata: np.ndarray) -> dict[str, Any]:
@@ -154,3 +171,20 @@ def json_schema(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         "properties": properties,
         "required": ["time", *fields],
     }
+
+
+# What is measured at an instant. States have a rate of their own.
+TOPICS: dict[str, Topic] = {
+    "energy": Topic(
+        lambda model, bodies: {"/energy": FIELDS["energy"], **{f"/soft/{name}": FIELDS["soft"] for name in bodies}},
+        lambda model, data, instant: _energy(instant),
+    ),
+    "contacts": Topic(
+        lambda model, bodies: {"/contacts": FIELDS["contacts"]},
+        lambda model, data, instant: _contacts(instant),
+    ),
+    "sensors": Topic(
+        lambda model, bodies: {"/sensors": sensor_fields(model)} if model.nsensor else {},
+        lambda model, data, instant: {"/sensors": sensor_message(model, data.sensordata)} if model.nsensor else {},
+    ),
+}

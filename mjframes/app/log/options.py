@@ -6,20 +6,31 @@ import math
 import os
 from dataclasses import dataclass
 
+from mjframes.app.log import numbers
 from mjframes.base.errors import MjframesError
 
-TOPICS = ("state", "energy", "contacts", "sensors", "scene", "video")
+TOPICS = ("state", *numbers.TOPICS, "scene", "video")
 
 
 @dataclass(frozen=True)
 class Log:
-    """A log to write.
+    """A log to write, for `record`.
 
-    path: of the file (.mcap).
-    rate: entries a second of simulated time [Hz]. Unless given, numbers are logged as often as a recording keeps them,
-    states and the scene as often as a film has frames, and the last state; the video always is as a film.
-    topics: some of TOPICS; all of them unless given, the video only where a film is made as well.
-    Raise MjframesError for a rate that is none and for unknown topics.
+    Parameters
+    ----------
+    path
+        File (.mcap).
+    rate
+        Entries per simulated second [Hz]. By default numbers are logged as often as a recording keeps them, states and
+        the scene as often as a film has frames. The video always has the frames of the film.
+    topics
+        What to log: some of "state", "energy", "contacts", "sensors", "scene" and "video". The default is all of them,
+        and "video" only if a film is made as well.
+
+    Raises
+    ------
+    MjframesError
+        For a rate that is not positive and for unknown topics.
     """
 
     path: str | os.PathLike[str]

@@ -11,20 +11,20 @@ import json
 import lzma
 import os
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, sensor_message, state_message
+from mjframes.app.log.numbers import messages, nanoseconds_of, schemas, state_message
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
 
-    from mjframes.app.log.drawing import Drawing, Skins
+    from mjframes.app.log.drawing import Drawing
     from mjframes.app.recording import Instant, State
 
 METADATA = "mjframes"  # name of the records of what the run was
@@ -44,23 +44,19 @@ class LogWriter:
         self._flushed = time.monotonic()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._skins: Skins | None = None
+        self._drawn: dict[str, Callable[[mujoco.MjData, float], Drawing]] = {}
         for topic, schema in schemas(model, soft_names, topics).items():
             self._register(topic, "jsonschema", schema["title"], json.dumps(schema).encode())
         if "scene" in topics:
-            from mjframes.app.log.drawing import Skins, rigid_scene
+            from mjframes.app.log.drawing import CHANNELS, rigid_scene
 
-            self._skins = Skins(model) if model.nskin else None
+            self._drawn = {topic: draw for topic, make in CHANNELS.items() if (draw := make(model))}
             self._write_drawing("/scene/rigid", 0.0, rigid_scene(model))
 
     def numbers(self, instant: Instant, data: mujoco.MjData) -> None:
         """Log the numbers of an instant; data: at that instant."""
-        found = messages(instant)
-        if "/sensors" in self._channels:
-            found["/sensors"] = sensor_message(self._model, data.sensordata)
-        for topic, message in found.items():
-            if topic in self._channels:
-                self._write(topic, instant.time, json.dumps({"time": instant.time, **message}).encode())
+        for topic, message in messages(self._model, data, instant, self._topics).items():
+            self._write(topic, instant.time, json.dumps({"time": instant.time, **message}).encode())
 
     def state(self, state: State) -> None:
         """Log a state, if that is a topic."""
@@ -69,13 +65,9 @@ class LogWriter:
             self._write("/state", state.time, json.dumps(message).encode())
 
     def scene(self, data: mujoco.MjData, now: float) -> None:
-        """Log where bodies are, the skins and the contact forces.  now: the data's time [s]."""
-        from mjframes.app.log import drawing
-
-        self._write_drawing("/tf", now, drawing.transforms(self._model, data, now))
-        if self._skins is not None:
-            self._write_drawing("/scene/soft", now, self._skins.update(data, now))
-        self._write_drawing("/scene/forces", now, drawing.contact_forces(self._model, data, now))
+        """Log what is drawn in 3D.  now: the data's time [s]."""
+        for topic, draw in self._drawn.items():
+            self._write_drawing(topic, now, draw(data, now))
 
     def video(self, picture: bytes, camera: str, now: float) -> None:
         """Log a frame of H.264 in Annex B.  camera: its name.  now: its time [s]."""

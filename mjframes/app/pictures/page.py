@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mjframes.app.pictures.keys import Bar, Legend, draw_key
 from mjframes.app.pictures.slices import MM, axis_name, axis_order, bounds, directions, draw_cut
-from mjframes.app.pictures.surface import Surface, draw_surface
+from mjframes.app.pictures.surface import DrawnSurface, draw_surface
 from mjframes.volume.grid import Grid
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Picture:
     marks: tuple[Marks, ...] = field(default=())
 
 
-def draw_page(figure: Figure, picture: Picture, grid: Grid, surface: Surface, caption: str) -> None:
+def draw_page(figure: Figure, picture: Picture, grid: Grid, surface: DrawnSurface, caption: str) -> None:
     """Draw a picture on an empty figure of WIDTH × HEIGHT."""
     draw_title(figure, picture.title, caption)
     columns = figure.add_gridspec(1, 3, width_ratios=COLUMNS, left=0.01, right=0.99, bottom=0.07, top=0.86, wspace=0.14)

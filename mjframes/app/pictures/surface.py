@@ -19,7 +19,7 @@ UNDER = 0.5  # [voxels] under a triangle where its voxel is looked for
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class DrawnSurface:
     """A closed surface of t triangles.
 
     corners: (t, 3, 3) [m].  normals: (t, 3).  voxel: (t,) under each.
@@ -30,13 +30,13 @@ class Surface:
     voxel: NDArray[np.integer]
 
 
-def surface_of(grid: Grid, vertices: Float, faces: NDArray[np.integer]) -> Surface:
+def surface_of(grid: Grid, vertices: Float, faces: NDArray[np.integer]) -> DrawnSurface:
     """Return the surface (s, 3), (t, 3) of the grid's voxels."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     inside = corners.mean(axis=1) - UNDER * grid.spacing.min() * normals
-    return Surface(corners, normals, np.asarray(KDTree(grid.centers).query(inside)[1]))
+    return DrawnSurface(corners, normals, np.asarray(KDTree(grid.centers).query(inside)[1]))
 
 
 def view_direction(corners: Float) -> Float:
@@ -49,7 +49,7 @@ def view_direction(corners: Float) -> Float:
     return toward / np.linalg.norm(toward)
 
 
-def draw_surface(axes: Any, surface: Surface, colors: Float, back: bool) -> None:
+def draw_surface(axes: Any, surface: DrawnSurface, colors: Float, back: bool) -> None:
     """Draw a surface on axes in space [mm], colors (n, 4) of the voxels, lit from where one looks from.
 
     back: seen from the other side.

@@ -127,9 +127,7 @@ class Controls:
             known = scaling.materials(model, name)
             if not known:
                 continue
-            factors: dict[int | str, float] = dict(
-                zip(known, scaling.stiffness(model, name, len(known)).tolist(), strict=True)
-            )
+            factors = dict(zip(known, scaling.stiffness(model, name, len(known)).tolist(), strict=True))
             with self._server.gui.add_folder(name):
                 for label, called in known.items():
                     stiffen = partial(self._stiffen, name, factors, label)
@@ -137,9 +135,9 @@ class Controls:
                 if any(body.damping):
                     self._add_factor("damping", "Rayleigh's α and β", 1.0, partial(self._damp, name))
 
-    def _stiffen(self, name: str, factors: dict[int | str, float], label: int, factor: float) -> None:
+    def _stiffen(self, name: str, factors: dict[int, float], label: int, factor: float) -> None:
         factors[label] = factor
-        scaling.scale(self._simulation.model, name, factors)
+        scaling.scale(self._simulation.model, name, materials=factors)
 
     def _damp(self, name: str, factor: float) -> None:
         scaling.scale(self._simulation.model, name, damping=(factor, factor))

@@ -10,7 +10,7 @@ import pytest
 import mjframes as mf
 from mjframes.base.errors import MjframesError, Notice
 from mjframes.body import build as stages
-from mjframes.body.fewest import COUNTS, KEPT, MOST, default_counts
+from mjframes.body.adaptive import COUNTS, KEPT, MOST, default_counts
 from mjframes.whole_body.error import BodyError
 
 FLESH = mf.Material(2e4, 0.45, 1000)
