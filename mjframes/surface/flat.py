@@ -33,7 +33,7 @@ def flat_faces(inside: np.ndarray, axis: int, side: int) -> np.ndarray:
     plane[tuple(1 if a == axis else slice(None) for a in range(3))] = True
     number = np.empty(face.shape, np.int32)
     ndimage.label(face, plane & ndimage.generate_binary_structure(3, 1), output=number)
-    count = [np.bincount(number.ravel(), weights=some.ravel()) for some in (steps, rim)]
-    terrace = count[0] > STEPS * count[1]
+    of_steps, of_rim = (np.bincount(number.ravel(), weights=some.ravel()) for some in (steps, rim))
+    level = np.asarray(of_steps <= STEPS * of_rim)  # and no terrace
     near = ndimage.binary_dilation(steps > 0, plane, iterations=CLEAR)
-    return ndimage.binary_opening(face & ~terrace[number] & ~near, plane)
+    return ndimage.binary_opening(face & level[number] & ~near, plane)

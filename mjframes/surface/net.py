@@ -53,7 +53,8 @@ def surface_net(inside: np.ndarray) -> Net:
     quad = vertex.reshape(-1, 4)
     meets = np.zeros((count, 3), bool)
     meets[vertex, axis] = True
-    moved = _placed(inside, at, quad, fixed, np.where((meets & ~fixed).any(axis=1)[:, None], side, 0))
+    ends = np.asarray((meets & ~fixed).any(axis=1))
+    moved = _placed(inside, at, quad, fixed, np.where(ends[:, None], side, 0))
     return Net(moved, _triangles(moved, quad), fixed)
 
 

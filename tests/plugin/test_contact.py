@@ -153,8 +153,9 @@ def touching(
 
 
 class Cluster(NamedTuple):
-    """geom: of its patch.  weights: W_j(s) (s, k) of its vertices.  offset: (s, 3) beyond Σ_j W_j x_j [m].  flat: whether
-    its vertices have one normal.
+    """geom: of its patch.  weights: W_j(s) (s, k) of its vertices.  offset: (s, 3) beyond Σ_j W_j x_j [m].
+
+    flat: whether its vertices have one normal.
     """
 
     geom: int
@@ -255,8 +256,8 @@ def pairs(
         found.append((contact, rest[at]))
         pushed_out += rest[:at]
         rest = rest[at + 1 :]
-    # none is missing but those that would push the surface out, over an obstacle that is inside, and those of a flat side
-    # along what it touches
+    # none is missing but those that would push the surface out, over an obstacle that is inside, and those of a flat
+    # side along what it touches
     for touch in pushed_out + rest:
         volume = Deformed(model, soft(model, data, "soft0"), int(model.geom_bodyid[touch.geom]))
         out = volume.outward(touch.centre) @ touch.normal
