@@ -35,5 +35,5 @@ def flat_faces(inside: np.ndarray, axis: int, side: int) -> np.ndarray:
     ndimage.label(face, plane & ndimage.generate_binary_structure(3, 1), output=number)
     of_steps, of_rim = (np.bincount(number.ravel(), weights=some.ravel()) for some in (steps, rim))
     level = np.asarray(of_steps <= STEPS * of_rim)  # and no terrace
-    near = ndimage.binary_dilation(steps > 0, plane, iterations=CLEAR)
-    return ndimage.binary_opening(face & level[number] & ~near, plane)
+    clear = np.logical_not(ndimage.binary_dilation(steps > 0, plane, iterations=CLEAR))
+    return ndimage.binary_opening(face & level[number] & clear, plane)

@@ -79,14 +79,14 @@ def test_a_punch_goes_as_deep_as_in_finite_elements(
         depth = [pressed(pad(frames), half, exact[half] * x, Contact(condim=condim, dents=on)) for x in (5e-4, 1.5e-3)]
         stiffness[on] = exact[half] * 1e-3 / (depth[1] - depth[0])
     # a punch four voxels wide has hardly more vertices below it than corners
-    assert stiffness[True] == pytest.approx(exact[half], rel=0.15 if half > 0.01 else 0.6)
+    assert stiffness[True] == pytest.approx(exact[half], rel=0.1 if half > 0.01 else 0.3)
     assert stiffness[False] > 2.3 * exact[half]
 
 
 def test_a_dent_hardly_depends_on_the_step() -> None:
     """What is left is MuJoCo's own spring of the contact, in series."""
     depths = [pressed(pad(1), 0.02, 20, Contact(condim=1, dents=True), timestep) for timestep in (0.004, 0.002, 0.0005)]
-    np.testing.assert_allclose(depths, depths[-1], rtol=0.06)
+    np.testing.assert_allclose(depths, depths[-1], rtol=0.02)
 
 
 def test_dents_are_narrower_with_more_frames() -> None:
