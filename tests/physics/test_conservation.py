@@ -43,9 +43,7 @@ def test_rigid_motions_are_free_of_force(law: str) -> None:
         assert force < 1e-12 * firmness * np.ptp(x)  # of what it takes to move a point as far as the body is long
 
 
-@cache
-def flown(law: str, integrator: str, frame_type: str = "affine") -> flight.Flight:
-    return flight.fly(law, integrator, frame_type)
+flown = cache(flight.fly)
 
 
 @pytest.mark.parametrize("integrator", ORDERS)
