@@ -29,7 +29,8 @@ LIMIT = 1e-3  # [-] of what moves: a larger gain is one
 HEIGHTS = (0.10, 0.15)  # [m]
 SPEED, SPINS = 1.0, (5.0, 25.0)  # [m/s], [rad/s]
 BENT, SHIFT, STRAIN = 0.6, 0.1, 0.15  # [rad] and, of the size, [-] of a disturbed frame; [-] of its gradient
-CLOSING, CLOSED, CLEARANCE = 0.4, 0.5, 1e-3  # [s] until plates are at their nearest, until they go; [m] before
+CLOSING, CLOSED = 0.4, 0.5  # [s] until plates are at their nearest, until they go
+CLEARANCE = 0.05  # [-] of the height, before
 SQUEEZE = 0.4  # [-] of the height
 TURNING = 2.0  # [-] of one step's stretch: where it was measured, 0.9 to 1.4 of it were there
 
@@ -93,7 +94,8 @@ def squeezed(world: World, timestep: float, seed: int) -> Gain:
     world.reset(timestep, plates=True)
     x = np.roll(world.rest, seed, axis=1)
     low, high = _extent(world, x)
-    plates = _closing(low - CLEARANCE, high + CLEARANCE, SQUEEZE * (high - low))
+    clear = CLEARANCE * (high - low)
+    plates = _closing(low - clear, high + clear, SQUEEZE * (high - low))
     world.move(x)
     course = run(world, SECONDS, plates)
     return gain_of(course, max(float(course.work.max()), np.finfo(float).tiny), world.turning)
