@@ -98,7 +98,7 @@ class SoftBody:
     mode
         "implicit" or "explicit".
     skin, contact
-        The surface that is drawn, and the spheres that touch.
+        The surface that is drawn, and the vertices that touch.
     distance_field
         Signed distance of the rest shape, for contact.
     damping

@@ -31,16 +31,29 @@ SAME_MASS = 1e-4  # [-] as in plugin/soft_body.cc: the model's masses have six d
 
 @dataclass(frozen=True, eq=False)
 class Soft:
-    """A view of one soft body; current after `mj_forward` or `mj_step`.
+    """What a soft body of a scene does, as `soft` returns it.
 
-    k control points, f frames, r regions, p patches.
-    instance: of the plugin.
-    holder: MuJoCo body whose axes are the volume's.
-    bodies: (k,) MuJoCo body that each control point rides on.
-    given: the body that it was built as, where one was given.
-    Material points (n, 3) are in volume coordinates [m]; they and frames need the `SoftBody`: MjframesError without.
-    Where it is read and the body is 1.5 times as large as at rest, or a region is folded over, it warns of that once
-    (InstabilityWarning).
+    It is current after `mj_forward` or `mj_step`. The body has k control points, f frames, r regions and p patches.
+    Material points (n, 3) are in volume coordinates [m]. They and frames need the `SoftBody`: without it they raise
+    MjframesError. If the body is 1.5 times as large as at rest or a region is folded over, reading it warns once
+    (InstabilityWarning). You rarely make one yourself.
+
+    Parameters
+    ----------
+    model, data
+        The compiled model and its data.
+    name
+        Name of the soft body.
+    instance
+        Number of its plugin instance.
+    holder
+        MuJoCo body whose axes are the volume's.
+    bodies
+        MuJoCo body (k,) that each control point rides on.
+    configuration
+        Attributes of the plugin instance, as text.
+    given
+        The `SoftBody` that it was built as, or None.
     """
 
     model: mujoco.MjModel
@@ -485,10 +498,26 @@ class Soft:
 
 
 def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody | None = None) -> Soft:
-    """Return the view of the soft body `name`.
+    """Read back what a soft body of a scene does: positions, forces, energies, strains.
 
-    body: what it was built as. Material points and frames need it, where it was not attached in this process.
-    Raise MjframesError where the model has none of that name, and for another body.
+    Parameters
+    ----------
+    model, data
+        The compiled model and its data.
+    name
+        Name of the soft body.
+    body
+        The `SoftBody` that was attached. Material points and frames need it if it was not attached in this process.
+
+    Returns
+    -------
+    Soft
+        The view. It follows `data`.
+
+    Raises
+    ------
+    MjframesError
+        If the model has no soft body of that name, or it was made of another body.
     """
     instance = instance_of(model, name)
     configuration = _configuration(model, instance)
