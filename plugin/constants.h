@@ -122,11 +122,11 @@ inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turn
 inline constexpr double kTrust = 0.05, kNoTrust = 0.25;
 inline constexpr double kFlatSide = 0.99;  // [-] length of the mean of a cluster's unit normals, where it is flat
 inline constexpr double kLies = 2;         // [-] a flat cluster lies on something if it touches with half of it
-inline constexpr double kCornerTop =
-    0.04;                               // [reach], a fiftieth of a voxel: a corner as high above the rest bears nothing
+// [reach], a fiftieth of a voxel: a corner that is as high above the rest bears nothing.
+inline constexpr double kCornerTop = 0.04;
 inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
-inline constexpr double kOpposed =
-    0.5;  // [-] cosine: two surfaces that face each other by less do not lie on each other
+// [-] cosine: two surfaces that face each other by less do not lie on each other.
+inline constexpr double kOpposed = 0.5;
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
 inline constexpr int kSupportSteps = 4;     // from an ellipsoid's centre to its point nearest to the surface

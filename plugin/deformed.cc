@@ -72,8 +72,7 @@ Vec3 DeformedPatch::VertexNormal(int s) const {
   if (!Enter(VertexPoint(s), &cube, &fraction) || !Deform(&cube)) return {};
   Interpolate(cube.x, fraction, &F);
   if (!(Det(F) > 0)) return {};
-  const int32_t* n = field_.normal.data() + 3 * (patch().volume.first_vertex + s);
-  const Vec3 out = MulT(Inverse(F), {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])});
+  const Vec3 out = MulT(Inverse(F), field_.Normal(patch().volume.first_vertex + s));
   const double length = Norm(out);
   return length > 0 ? (1 / length) * out : Vec3{};
 }

@@ -46,6 +46,12 @@ struct DistanceField {
   // ξ of a place at rest [m].
   Vec3 Coordinates(const Vec3& p) const;
 
+  // The surface's normal at a contact vertex, of any length.
+  Vec3 Normal(int of) const {
+    const int32_t* n = normal.data() + 3 * of;
+    return {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
+  }
+
   // Where a node is at rest [m].
   Vec3 Place(int node) const;
 

@@ -175,15 +175,15 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
   walk = Walk(own, contact.patches[number].cluster);
   if (contact.makes_dents()) spacing = Spacing(own, contact.reach);
   const DistanceField& field = contact.field;
-  const int32_t* n = field.normal.data() + 3 * static_cast<size_t>(first_vertex);
+  int vertex = first_vertex;
   for (const int size : contact.patches[number].cluster) {
     if (!contact.has_volume) break;
-    Vec3 sum{};
-    for (const int32_t* end = n + 3 * static_cast<size_t>(size); n != end; n += 3) {
-      const Vec3 normal = {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
-      sum = sum + (1 / std::max(mjMINVAL, Norm(normal) * size)) * normal;
+    Vec3 mean{};
+    for (const int end = vertex + size; vertex < end; vertex++) {
+      const Vec3 normal = field.Normal(vertex);
+      mean = mean + (1 / std::max(mjMINVAL, Norm(normal) * size)) * normal;
     }
-    facing.push_back(sum);
+    facing.push_back(Norm(mean) > kFlatSide ? mean : Vec3{});
   }
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;

@@ -91,7 +91,9 @@ struct PatchVolume {
   Vec3 half{};                   // largest |p̄ − p̄₀| along each axis [m]
   std::vector<int32_t> walk;     // the patch's vertices, cluster by cluster, each beside the one before
   bool solid = false;            // whether nodes of the field are inside
-  std::vector<Vec3> facing;      // of each cluster, the mean of its vertices' unit normals, along the lattice's axes
+  // Of each cluster, the mean of its vertices' unit normals, along the lattice's axes; 0 where it is not flat. Empty
+  // without a lattice.
+  std::vector<Vec3> facing;
   // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and if it
   // is not solid, none of these from the nearest other one of the body; that is the reach at least.
   double cover = 0, spread = 0;

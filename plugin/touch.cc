@@ -76,7 +76,7 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   return {mean / total, deepest, first, total};
 }
 
-// Makes a direction, a place and a variance of the sums over what touches, balls of that radius. square: of their
+// Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
 // places, by share. False where opposite normals cancel, as where a thin geom is between the vertices: no direction, no
 // contact.
 bool Settle(double radius, double square, Touch* touch) {
@@ -88,14 +88,18 @@ bool Settle(double radius, double square, Touch* touch) {
   return true;
 }
 
+// Which way the cluster of a flat side that begins there faces at rest; 0 if it is of no flat side.
+Vec3 Facing(const Patch& patch, int begin) {
+  return patch.volume.facing.empty() ? Vec3{} : patch.volume.facing[patch.ClusterOf(begin)];
+}
+
 // Where flat lies on flat, any distribution of the force over a cluster holds it up: the contact goes to the corner,
 // the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
 // pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
 // where it is as deep, 0 from `top` on. corner: where that is [m].
 void MoveToCorner(const Patch& patch, double reach, const Shared& shared, const Vec3& corner, double* share,
                   Touch* touch) {
-  const std::vector<Vec3>& facing = patch.volume.facing;
-  if (facing.empty() || !(Norm(facing[patch.ClusterOf(touch->begin)]) > kFlatSide)) return;
+  if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
   touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
   if (!patch.dent.empty()) return;
   const double top = kCornerTop * reach, higher = std::min(shared.first - touch->distance, top);
@@ -119,12 +123,10 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
 
 // Whether a cluster of a flat side touches something that lies along it: the side that faces that has its own points.
 bool LiesAlong(SurfaceState* state, int patch, int begin, const Vec3& normal) {
-  const DeformedPatch deformed = state->Deformed(patch);
-  if (!deformed.contact().has_volume) return false;
-  const Vec3& rest = deformed.patch().volume.facing[deformed.patch().ClusterOf(begin)];
+  const Vec3 rest = Facing(state->Deformed(patch).patch(), begin);
+  if (!(Norm(rest) > 0)) return false;
   const Vec3 facing = MulT(state->Pose(patch).slope, rest);
-  const double length = Norm(facing);
-  return Norm(rest) > kFlatSide && length > 0 && std::abs(Dot(facing, normal)) < kAlong * length;
+  return std::abs(Dot(facing, normal)) < kAlong * Norm(facing);
 }
 
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.

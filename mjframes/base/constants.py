@@ -14,3 +14,5 @@ NEGLIGIBLE_WEIGHT = 1e-3  # [-] smaller weights are dropped: a displacement erro
 MOST_CELLS = 2**31 - 1  # of a grid: later stages number its cells with int32
 UP = ("x", "y", "z", "-x", "-y", "-z")  # axes of a file that may point up
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+
+VERTICES, LEAST_VERTICES = 5000, 100  # of a surface: about how many, and the fewest that still have the shape of a body

@@ -234,7 +234,8 @@ def _surfaces(
     surface = kept_surface(volume)
     vertices = contact_points(surface, float(np.min(volume.spacing)), volume.axes)
     weights = shapes.at(grid, vertices.positions)
-    patches = group_patches(vertices.positions, vertices.normals @ volume.axes, weights, shapes.control)
+    along_axes = vertices.normals @ volume.axes
+    patches = group_patches(vertices.positions, along_axes, weights, shapes.control)
     vertices, weights = vertices.sorted(patches.order), sparse.csr_array(weights[patches.order])
     field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
     drawn = extract_surface(volume, int(options.skin_vertices)) if options.skin_vertices else surface
@@ -243,6 +244,6 @@ def _surfaces(
     below = dents(grid, vertices.positions, vertices.normals, frames, pushed, missing)
     reach = float(np.min(volume.spacing)) / 2 if options.contact_reach is None else float(options.contact_reach)
     contact = ContactVertices(
-        vertices.positions, vertices.normals @ volume.axes, reach, patches.patch, patches.cluster, weights, below
+        vertices.positions, along_axes[patches.order], reach, patches.patch, patches.cluster, weights, below
     )
     return skin, contact, field

@@ -23,6 +23,7 @@ from mjframes.base.choices import (
     PAPER,
     WHOLE_BODY,
 )
+from mjframes.base.constants import LEAST_VERTICES, VERTICES
 from mjframes.base.errors import MjframesError
 from mjframes.base.options import option, require_choices
 from mjframes.elasticity.law_table import ALL_LAWS, LAWS
@@ -32,7 +33,6 @@ from mjframes.weights.kernels import KERNELS, VORONOI, Weights, weights_of
 
 PAPER_FRAMES = 3  # of the paper's method, which knows no error to choose by, unless given
 REACH_LIMIT = 10.0  # [voxels] a contact that reaches farther no longer follows the surface
-LEAST_VERTICES = 100  # of a skin: with fewer it no longer has the body's shape
 FREEDOM = ", ".join(f"{name} {kind.freedom}" for name, kind in FRAME_TYPES.items())
 
 Progress = Callable[[str], None]
@@ -161,8 +161,8 @@ class BuildOptions:
     skin_vertices: int | None = field(
         default=None,
         metadata=option(
-            "about how many vertices the drawn skin has, 100 or more; the default is 5000; contact does not depend on "
-            "it",
+            f"about how many vertices the drawn skin has, {LEAST_VERTICES} or more; the default is {VERTICES}; contact "
+            "does not depend on it",
             reads=texts.count,
             metavar="N",
         ),

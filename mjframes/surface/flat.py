@@ -1,7 +1,8 @@
 """Which faces of voxels are flat parts of a surface, and not the steps of a slope or of something round.
 
 A face is flat where it belongs to a square of 3 × 3 faces in one plane, most of whose rim is an edge or a wall and
-not a step of one voxel, and no such step is near.
+not a step of one voxel, and no such step is near. What is narrower than the square may be a step of a slope that is
+sampled twice as finely.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from scipy import ndimage
 
 STEPS = 0.5  # [-] of a plane's rim: more steps of one voxel, and the plane is a terrace of a slope
 CLEAR = 2  # [voxels] from a step: the smoothed surface is the plane again, within 2 % of a voxel
-WIDTH = 3  # [voxels] of the square: what is narrower may be a step of a slope sampled twice as finely
 
 
 def exposed(inside: np.ndarray, axis: int, side: int) -> np.ndarray:
@@ -19,9 +19,8 @@ def exposed(inside: np.ndarray, axis: int, side: int) -> np.ndarray:
     return inside & ~np.roll(inside, -side, axis)
 
 
-def flat_faces(inside: np.ndarray, axis: int, side: int) -> np.ndarray:
-    """Return which voxels have a flat face to that side; inside has a margin of two empty voxels."""
-    face = exposed(inside, axis, side)
+def flat_faces(face: np.ndarray, axis: int, side: int) -> np.ndarray:
+    """Return which of the `exposed` faces to that side are flat; around them is a margin of two empty voxels."""
     steps, rim = np.zeros(face.shape, np.int8), np.zeros(face.shape, np.int8)
     for across in {0, 1, 2} - {axis}:
         for way in (-1, 1):

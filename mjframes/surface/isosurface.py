@@ -15,6 +15,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from mjframes.base.cache import cached
+from mjframes.base.constants import LEAST_VERTICES, VERTICES
 from mjframes.base.errors import MjframesError
 from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
@@ -47,13 +48,15 @@ class Surface:
         return _mesh(self.vertices, self.faces)
 
 
-def extract_surface(volume: Volume, target_vertices: int = 5000) -> Surface:
+def extract_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
     """Return the closed surface of all materials together, with about `target_vertices` vertices and smooth seams.
 
-    Raise MjframesError if target_vertices < 100.
+    Raise MjframesError if target_vertices < LEAST_VERTICES.
     """
-    if target_vertices < 100:
-        raise MjframesError(f"target_vertices is {target_vertices!r}; a surface needs 100 vertices or more.")
+    if target_vertices < LEAST_VERTICES:
+        raise MjframesError(
+            f"target_vertices is {target_vertices!r}; a surface needs {LEAST_VERTICES} vertices or more."
+        )
     spacing = np.asarray(volume.spacing, dtype=np.float64)
     box = ndimage.find_objects((volume.labels > 0).astype(np.int8))[0]
     labels = np.pad(volume.labels[box], MARGIN)

@@ -41,12 +41,12 @@ class Net:
 def surface_net(inside: np.ndarray) -> Net:
     """Return the net of the inside (nx, ny, nz), which has a margin of two empty voxels."""
     inside = _without_crossings(inside)
-    corner, quads, plane = _quads(inside)
+    corner, facing, plane = _quads(inside)
     vertex, count = _fans(inside.shape, corner)
     at = np.empty((count, 3))
     at[vertex] = corner - 0.5
     fixed, side = np.zeros((count, 3), bool), np.zeros((count, 3), np.int8)
-    axis, outward = np.repeat(quads.axis, 4), np.repeat(quads.side, 4)
+    axis, outward = np.repeat(facing, 4, axis=0).T
     flat = np.repeat(plane, 4)
     fixed[vertex[flat], axis[flat]] = True
     side[vertex[flat], axis[flat]] = outward[flat]
@@ -58,32 +58,21 @@ def surface_net(inside: np.ndarray) -> Net:
     return Net(moved, _triangles(moved, quad), fixed)
 
 
-@dataclass(frozen=True, eq=False)
-class _Quads:
-    """The q faces of voxels on the surface: voxel (q, 3), axis (q,), side (q,) ±1."""
-
-    voxel: np.ndarray
-    axis: np.ndarray
-    side: np.ndarray
-
-
-def _quads(inside: np.ndarray) -> tuple[np.ndarray, _Quads, np.ndarray]:
-    """The lattice corners (4 q, 3) of all faces, counter-clockwise from outside, the faces, and which are flat (q,)."""
-    corners, voxels, axes, sides, flat = [], [], [], [], []
+def _quads(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The lattice corners (4 q, 3) of all faces, counter-clockwise from outside; the axis and the side, ±1, that each
+    faces (q, 2); and which are flat (q,).
+    """
+    corners, facing, flat = [], [], []
     for axis in range(3):
         along, across = np.eye(3, dtype=np.int64)[[(axis + 1) % 3, (axis + 2) % 3]]
         for side in (-1, 1):
             where = exposed(inside, axis, side)
-            voxel = np.argwhere(where)
-            base = voxel + (side > 0) * np.eye(3, dtype=np.int64)[axis]
+            base = np.argwhere(where) + (side > 0) * np.eye(3, dtype=np.int64)[axis]
             ring = np.array([0 * along, along, along + across, across])[::side]
             corners.append(base[:, None] + ring)
-            voxels.append(voxel)
-            axes.append(np.full(len(voxel), axis))
-            sides.append(np.full(len(voxel), side))
-            flat.append(flat_faces(inside, axis, side)[where])
-    quads = _Quads(np.concatenate(voxels), np.concatenate(axes), np.concatenate(sides))
-    return np.concatenate(corners).reshape(-1, 3), quads, np.concatenate(flat)
+            facing.append(np.full((len(base), 2), (axis, side)))
+            flat.append(flat_faces(where, axis, side)[where])
+    return np.concatenate(corners).reshape(-1, 3), np.concatenate(facing), np.concatenate(flat)
 
 
 def _without_crossings(inside: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.volume.material import is_number
-from mjframes.volume.spacing import require_room, spacing_or_voxels
+from mjframes.volume.spacing import require_room, spacing_or_voxels, three_lengths
 
 Array = NDArray[np.float64]
 Solid = tuple[NDArray[np.uint8], Array, Array]  # labels (nx, ny, nz), 0 or 1; spacing (3,) and origin (3,) [m]
@@ -20,12 +20,7 @@ Solid = tuple[NDArray[np.uint8], Array, Array]  # labels (nx, ny, nz), 0 or 1; s
 
 def box(size: ArrayLike, spacing: ArrayLike | None, voxels: int | None) -> Solid:
     """Return a box with edges `size`, one length or three [m]."""
-    try:
-        lengths = np.array(np.broadcast_to(np.asarray(size, np.float64), 3))
-    except (TypeError, ValueError):
-        lengths = np.full(3, np.nan)
-    if not (np.isfinite(lengths).all() and (lengths > 0).all()):
-        raise MjframesError(f"size is {size!r}; it must be one or three positive lengths in metres.")
+    lengths = three_lengths("size", size)
     return _sampled(lengths, (True, True, True), float(np.prod(lengths)), lambda *_: True, spacing, voxels)
 
 

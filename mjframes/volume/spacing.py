@@ -13,18 +13,18 @@ VOXELS = 20_000  # inside, unless given: built in seconds, and with some across 
 CELL = 8  # [bytes] of a cell while it is found inside or outside
 
 
-def voxel_edges(source: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return spacing (3,) [m] of one number or three. source: what an error starts with.
+def three_lengths(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return lengths (3,) [m] of one number or three. name: what an error starts with.
 
     Raise MjframesError for other values.
     """
     try:
-        spacing = np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
+        lengths = np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
     except (TypeError, ValueError):
-        spacing = np.full(3, np.nan)
-    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
-        raise MjframesError(f"{source}spacing is {value!r}; it must be one or three positive lengths in metres.")
-    return spacing
+        lengths = np.full(3, np.nan)
+    if not (np.isfinite(lengths).all() and (lengths > 0).all()):
+        raise MjframesError(f"{name} is {value!r}; it must be one or three positive lengths in metres.")
+    return lengths
 
 
 def spacing_or_voxels(spacing: ArrayLike | None, voxels: int | None) -> tuple[NDArray[np.float64] | None, int]:
@@ -36,7 +36,7 @@ def spacing_or_voxels(spacing: ArrayLike | None, voxels: int | None) -> tuple[ND
         raise MjframesError(f"spacing is {spacing!r} and voxels is {voxels!r}; give exactly one of them.")
     count = VOXELS if voxels is None else voxels
     require_voxels(count)
-    return None if spacing is None else voxel_edges("", spacing), int(count)
+    return None if spacing is None else three_lengths("spacing", spacing), int(count)
 
 
 def require_voxels(voxels: object) -> None:

@@ -24,7 +24,7 @@ from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
 from mjframes.volume.material import Material
 from mjframes.volume.solids import Solid, ball, box, cylinder
-from mjframes.volume.spacing import require_voxels, spacing_or_voxels, voxel_edges
+from mjframes.volume.spacing import require_voxels, spacing_or_voxels, three_lengths
 
 if TYPE_CHECKING:
     from mjframes.volume.meshes import MeshLike
@@ -191,7 +191,7 @@ class Volume:
             raise MjframesError(
                 f"{source}spacing is missing; pass spacing= or --spacing, the edge of a voxel in metres.{more}"
             )
-        step = voxel_edges(source, step)
+        step = three_lengths(f"{source}spacing", step)
         axes = _orthonormal(source, image.axes)
         corner = np.zeros(3)
         if image.origin is not None:

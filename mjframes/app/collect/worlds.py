@@ -124,9 +124,10 @@ class Stepping:
             folded = dict.fromkeys(bodies, number >= last)
             for entry in entries[max(0, number - last) : number]:
                 self.data.qpos[:] = entry
-                mujoco.mj_fwdPosition(self.model, self.data)
+                mujoco.mj_kinematics(self.model, self.data)
                 folded = {name: folded[name] and body.is_folded for name, body in bodies.items()}
             if number:
+                mujoco.mj_fwdPosition(self.model, self.data)
                 for name, body in bodies.items():
                     for what, is_so in ((LARGE, body.size_ratio > GROWN), (FOLDED_OVER, folded[name])):
                         found[name, what] += [world] if is_so else []
