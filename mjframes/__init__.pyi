@@ -2,6 +2,7 @@
 # ruff: noqa: I001
 
 from .app.collect.run import Collection as Collection, collect as collect
+from .app.dented import draw_dents as draw_dents
 from .app.log.options import Log as Log
 from .app.run import record as record
 from .app.video import film as film, look_from as look_from, still as still

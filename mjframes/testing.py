@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from skimage.io import imread, imsave
 from skimage.metrics import structural_similarity
 
+from mjframes.app.dented import draw_dents
 from mjframes.app.video import find_camera, make_renderer
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
@@ -136,6 +137,7 @@ def see(model: mujoco.MjModel, data: mujoco.MjData, camera: str | mujoco.MjvCame
     renderer = make_renderer(model, *SIZE)
     try:
         renderer.update_scene(data, camera=view)
+        draw_dents(model, data, renderer.scene)
         picture = renderer.render().copy()
         renderer.enable_segmentation_rendering()
         segments = np.asarray(renderer.render())

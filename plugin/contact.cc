@@ -225,52 +225,59 @@ void InstallCollisionHook() {
   }
 }
 
+bool TouchSearch::Find(int c) {
+  const mjContact& contact = d_->contact[c];
+  touch_ = nullptr;
+  if (contact.geom[0] != pair_[0] || contact.geom[1] != pair_[1]) {
+    for (int s = 0; s < 2; s++) {
+      pair_[s] = contact.geom[s];
+      side_[s] = SideOf(m_, d_, pair_[s]);
+    }
+    recalled_ = IsSoft(side_) && pair_[0] >= 0 && pair_[1] >= 0;
+    count_ = next_ = 0;
+    if (recalled_) count_ = RecallTouches(d_, pair_, side_, &scratch_, found_);
+  }
+  if (!IsSoft(side_)) return false;
+  // contacts of a pair come in the order of its touches, without those that are too far
+  const Vec3 position = ToVec3(contact.pos);
+  const auto find = [&] {
+    for (int i = 0; i < count_; i++) {
+      const int at = (next_ + i) % count_;
+      if (Norm(found_[at].position - position) <= kSamePlace) return at;
+    }
+    return -1;
+  };
+  int same = find();
+  if (same < 0 && recalled_) {  // mjData is a copy, or has other contacts than those found last
+    recalled_ = false;
+    count_ = FindTouches(m_, d_, pair_, side_, HighestOfPair(d_, c) + kSamePlace, &scratch_, found_);
+    next_ = 0;
+    same = find();
+  }
+  if (same >= 0) {
+    touch_ = found_ + same;
+    next_ = same + 1;
+  }
+  return true;
+}
+
 void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, ContactDents* dents, double* lies) {
-  TouchScratch touch;
-  Touch found[kMaxTouches];
-  SoftSide side[2];
-  int pair[2] = {-1, -1}, count = 0, next = 0;  // the pair of geoms whose touches are in `found`
-  bool recalled = false;                        // from the collision stage
+  TouchSearch search(m, d);
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     if (dents) dents[c] = {};
     if (lies) lies[c] = 0;
-    if (contact.efc_address < 0) continue;
-    if (contact.geom[0] != pair[0] || contact.geom[1] != pair[1]) {
-      for (int s = 0; s < 2; s++) {
-        pair[s] = contact.geom[s];
-        side[s] = SideOf(m, d, pair[s]);
-      }
-      recalled = IsSoft(side) && pair[0] >= 0 && pair[1] >= 0;
-      count = next = 0;
-      if (recalled) count = RecallTouches(d, pair, side, &touch, found);
-    }
-    if (!IsSoft(side)) continue;
-    // contacts of a pair come in the order of its touches, without those that are too far
-    const Vec3 position = ToVec3(contact.pos);
-    const auto find = [&] {
-      for (int i = 0; i < count; i++) {
-        const int at = (next + i) % count;
-        if (Norm(found[at].position - position) <= kSamePlace) return at;
-      }
-      return -1;
-    };
-    int same = find();
-    if (same < 0 && recalled) {  // mjData is a copy, or has other contacts than those found last
-      recalled = false;
-      count = FindTouches(m, d, pair, side, HighestOfPair(d, c) + kSamePlace, &touch, found);
-      next = 0;
-      same = find();
-    }
-    if (same < 0) {
+    if (contact.efc_address < 0 || !search.Find(c)) continue;
+    const SoftSide* side = search.side();
+    const Touch* touch = search.touch();
+    if (!touch) {
       WriteForeignContact(m, d, contact, side, scratch);
       continue;
     }
     WriteContact(m, d, contact, side, scratch,
-                 [&](int s, double* weight) { AddTouchWeights(side, found[same], touch, s, weight); });
-    if (dents) dents[c] = TouchDents(side, found[same]);
-    if (lies) lies[c] = found[same].lies;
-    next = same + 1;
+                 [&](int s, double* weight) { AddTouchWeights(side, *touch, search.scratch(), s, weight); });
+    if (dents) dents[c] = TouchDents(side, *touch);
+    if (lies) lies[c] = touch->lies;
   }
 }
 

@@ -17,6 +17,7 @@
 #include "dents.h"
 #include "kinematics.h"
 #include "linear.h"
+#include "touch.h"
 
 namespace mjframes {
 
@@ -25,6 +26,31 @@ struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
   std::vector<double> omega;                    // ω of each control point
   std::array<std::vector<Moments>, 2> moments;  // by side: of the movers         (≤ nv)
+};
+
+// Which of its touches each contact of an mjData is, from the first contact on.
+class TouchSearch {
+ public:
+  TouchSearch(const mjModel* m, const mjData* d) : m_(m), d_(d) {}
+
+  // Goes on to contact c, which comes after the last one. False where there are no rows to write: where none of the two
+  // geoms is a soft body's patch, or both are of one body.
+  bool Find(int c);
+
+  const SoftSide* side() const { return side_; }
+  const TouchScratch& scratch() const { return scratch_; }
+  // Null for a contact that is not one of FindTouches.
+  const Touch* touch() const { return touch_; }
+
+ private:
+  const mjModel* m_;
+  const mjData* d_;
+  TouchScratch scratch_;
+  Touch found_[kMaxTouches];
+  const Touch* touch_ = nullptr;
+  SoftSide side_[2];
+  int pair_[2] = {-1, -1}, count_ = 0, next_ = 0;  // the pair of geoms whose touches are found
+  bool recalled_ = false;                          // from the collision stage
 };
 
 // Puts the plugin's function into the SDF column of mjCOLLISIONFUNC; other pairs keep the function they had.

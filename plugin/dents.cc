@@ -42,7 +42,7 @@ double Compliance(const mjData* d, const ContactDents* dents, const Pressed& p, 
     for (int b = 0; b < 2 && p.body[a] >= 0; b++) {
       if (p.body[a] != q.body[b]) continue;
       const Dent &first = of_one.side[a], &second = of_other.side[b];
-      const double r = Norm(ToVec3(one.pos) - ToVec3(other.pos));
+      const double r = Norm(of_one.centre - of_other.centre);
       const double s = kPressure * (of_one.variance + of_other.variance), square = first.width * second.width;
       if (r * r > kFarDent * (s + 2 * square)) continue;
       const double cosine = (a == b ? 1 : -1) * Dot(ToVec3(one.frame), ToVec3(other.frame));
@@ -113,6 +113,12 @@ void SetSpring(mjData* d, const Pressed& pressed, double f, double left) {
 }
 
 }  // namespace
+
+double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance) {
+  const double s = kPressure * dents.variance, square = flesh.width * flesh.width;
+  if (distance * distance > kFarDent * (s + 2 * square)) return 0;
+  return flesh.softness * flesh.softness * Kernel(distance, s, square);
+}
 
 bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents) {
   if (!HasRoom(d, d->ncon * sizeof(Pressed) / sizeof(mjtNum) + 1)) return false;

@@ -37,13 +37,18 @@ struct Dent {
 
 // Of a contact.
 struct ContactDents {
-  double variance;  // of its pressure, along the surface [m²]
+  Vec3 centre;      // of its pressure [m]
+  double variance;  // of that along the surface [m²]
   Dent side[2];     // of each geom
 };
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.
 // False, and nothing is set, where mjData's memory is too small.
 bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents);
+
+// How far a force of 1 N on the flesh, spread as a contact's pressure is around its centre, moves the surface at this
+// distance from there, beyond what the frames show [m/N].
+double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance);
 
 }  // namespace mjframes
 

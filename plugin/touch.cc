@@ -85,6 +85,7 @@ bool Settle(double radius, double square, Touch* touch) {
   touch->normal = (1 / length) * touch->normal;
   touch->variance = static_cast<float>(std::max(0.0, 0.5 * (square - Dot(touch->position, touch->position))));
   touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
+  touch->centre = touch->position;
   return true;
 }
 
@@ -101,7 +102,6 @@ void MoveToCorner(const Patch& patch, double reach, const Shared& shared, const 
                   Touch* touch) {
   if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
   touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
-  if (!patch.dent.empty()) return;
   const double top = kCornerTop * reach, higher = std::min(shared.first - touch->distance, top);
   const double moved = higher > 0 ? 1 - higher / top : 1;
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;
@@ -121,12 +121,12 @@ bool PushesOut(const Placed& soft, const Touch& touch, const double* share) {
   return soft.deformed.Surface(xi, &position, &normal) && Dot(normal, touch.normal) > kOutward;
 }
 
-// Whether a cluster of a flat side touches something that lies along it: the side that faces that has its own points.
-bool LiesAlong(SurfaceState* state, int patch, int begin, const Vec3& normal) {
-  const Vec3 rest = Facing(state->Deformed(patch).patch(), begin);
-  if (!(Norm(rest) > 0)) return false;
-  const Vec3 facing = MulT(state->Pose(patch).slope, rest);
-  return std::abs(Dot(facing, normal)) < kAlong * Norm(facing);
+// Whether something lies along a flat side that faces this way now: the side that faces it has its own points.
+bool LiesAlong(const Vec3& facing, const Vec3& normal) { return std::abs(Dot(facing, normal)) < kAlong * Norm(facing); }
+
+// Which way the cluster that begins there faces now, if it is of a flat side, else 0.
+Vec3 FacingNow(SurfaceState* state, int patch, int begin) {
+  return MulT(state->Pose(patch).slope, Facing(state->Deformed(patch).patch(), begin));
 }
 
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.
@@ -143,8 +143,13 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     const int begin = end;
     end += size;
     other.Distances(vertices, n, begin, end, share);
+    const Vec3 facing = FacingNow(soft.state, soft.number, begin);
+    // what dents deeper than the way out by the geom's side would be pushed along its own side, as friction does
+    for (int s = begin; s < end && Norm(facing) > 0 && !patch.dent.empty(); s++) {
+      if (share[s] < 0 && LiesAlong(facing, other.Normal(Vertex(vertices, n, s)))) share[s] = mjMAXVAL;
+    }
     const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-    Touch touch = {shared.distance, {}, {}, side, begin, end, 0, 0, {}};
+    Touch touch = {shared.distance, {}, {}, {}, side, begin, end, 0, 0, {}};
     double square = 0;
     if (!(shared.deepest < margin)) continue;
     for (int s = begin; s < end; s++) {
@@ -154,7 +159,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(0, square, &touch) || LiesAlong(soft.state, soft.number, begin, touch.normal)) continue;
+    if (!Settle(0, square, &touch) || LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
     MoveToCorner(patch, reach, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < margin) out[count++] = touch;
@@ -190,7 +195,7 @@ bool IsUnder(const Placed& soft, const Vec3& p, Vec3 xi) {
 // Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
 int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
   const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
-  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, -1, 0, 0, 0, 0, {}};
+  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, {}, -1, 0, 0, 0, 0, {}};
   const auto distance = [&](bool own) {
     return soft.Distance(touch.position, own, &touch.xi, &touch.distance, &touch.normal);
   };
@@ -218,7 +223,7 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
     if (size == 0) continue;
     const double distance = ShareOut(share, 0, size, reach, dents).distance;
     if (!(distance < margin)) continue;
-    Touch touch = {distance, {}, {}, -1, 0, 0, 0, 0, {}};
+    Touch touch = {distance, {}, {}, {}, -1, 0, 0, 0, 0, {}};
     double square = 0;
     for (int i = 0; i < size; i++) {
       touch.position = touch.position + share[i] * near[i]->place;
@@ -255,7 +260,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
     }
     if (near) {
       const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-      Touch touch = {shared.distance, {}, {}, side, begin, end, 0, 0, {}};
+      Touch touch = {shared.distance, {}, {}, {}, side, begin, end, 0, 0, {}};
       double square = 0;
       for (int s = begin; s < end && shared.deepest < margin; s++) {
         if (share[s] == 0) continue;
@@ -264,7 +269,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
       const bool touches = shared.deepest < margin && Settle(0, square, &touch);
-      if (touches && !LiesAlong(own.body->contact().state(), own.patch, begin, touch.normal)) {
+      if (touches && !LiesAlong(FacingNow(own.body->contact().state(), own.patch, begin), touch.normal)) {
         const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
         MoveToCorner(patch, reach, shared, corner, share, &touch);
         if (touch.distance < margin) out[count++] = touch;
@@ -404,7 +409,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.variance, {}};
+  ContactDents dents = {touch.centre, touch.variance, {}};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;

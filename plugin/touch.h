@@ -30,6 +30,7 @@ struct SoftSide {
 struct Touch {
   double distance;  // [m], negative inside
   Vec3 position;    // half way between the surfaces [m]
+  Vec3 centre;      // of the pressure; the position may be at a corner [m]
   Vec3 normal;      // from the first geom to the second
   int side;         // of the vertices that touch, or −1 where features do
   int begin, end;   // those vertices

@@ -102,18 +102,6 @@ def skin_parts(model: mujoco.MjModel, skin: int) -> list[tuple[np.ndarray, np.nd
     return [(faces[band == k], np.append(colors[band == k].mean(axis=0), color[3])) for k in np.unique(band)]
 
 
-def skin_vertices(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene) -> list[np.ndarray]:
-    """Return the vertices (n, 3) of each skin as it is deformed, in the world [m].
-
-    scene: of MuJoCo's visualization, for the model; it keeps the vertices until the next call.
-    """
-    if not model.nskin:
-        return []
-    # of no category of geoms: skins and flexes alone; what updates skins alone is deprecated
-    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 0, scene)
-    return np.split(np.reshape(scene.skinvert, (-1, 3)), model.skin_vertadr[1:])
-
-
 def _shape(model: mujoco.MjModel, geom: int, kind: Kind, size: tuple[float, float, float], height: float = 0) -> Shape:
     """Return a piece of a geom; height: of its centre along the geom's z axis [m]."""
     raised = np.zeros(3)

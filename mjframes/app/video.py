@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.app.dented import draw_dents
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
@@ -39,6 +40,7 @@ def painter(
 
     def paint(data: mujoco.MjData) -> Picture:
         renderer.update_scene(data, camera=number)
+        draw_dents(model, data, renderer.scene)
         return renderer.render()
 
     try:
@@ -155,6 +157,7 @@ def still(
     renderer = make_renderer(model, *size)
     try:
         renderer.update_scene(data, view)
+        draw_dents(model, data, renderer.scene)
         return renderer.render()
     finally:
         renderer.close()

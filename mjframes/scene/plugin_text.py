@@ -248,8 +248,7 @@ def _dents(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
         values = (some[patch.vertices] for some in (below.width, below.softness, below.thickness))
         means.append(np.column_stack([np.bincount(clusters, some) / count for some in values]).ravel())
         first.append(body.factor_of[below.material[patch.vertices[np.unique(clusters, return_index=True)[1]]]])
-    values = np.concatenate(means).astype(np.float32)
-    return {"patch_dent": encode(values), "patch_factor": encode(np.concatenate(first))}
+    return {"patch_dent": encode(np.concatenate(means)), "patch_factor": encode(np.concatenate(first))}
 
 
 def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:

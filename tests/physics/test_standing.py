@@ -9,6 +9,7 @@ from builders.scenes import compiled
 
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
+from mjframes.scene.contact import Contact
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -65,12 +66,27 @@ def test_a_block_rests_as_deep_as_a_rigid_one_whatever_the_step(timestep: float)
     depths = []
     for model, data in (
         (rigid, mujoco.MjData(rigid)),
-        compiled(floor.format(timestep), (block((12, 12, 6), 0.01, 5e4, 1), (0, 0, 2e-4), UPRIGHT)),
+        compiled(
+            floor.format(timestep),
+            (block((12, 12, 6), 0.01, 5e4, 1), (0, 0, 2e-4), UPRIGHT),
+            contact=Contact(dents=False),
+        ),
     ):
         run(model, data, 2)
         assert data.ncon == 4
         depths.append(data.contact.dist)
     assert depths[1] == pytest.approx(depths[0], rel=1e-4)
+
+
+def test_a_block_with_dents_rests_alike_whatever_the_step() -> None:
+    depths = []
+    for timestep in (0.0005, 0.004):
+        option = f'timestep="{timestep}"'
+        model, data = compiled(FLOOR.format(option=option), (block((12, 12, 6), 0.01, 5e4, 1), (0, 0, 2e-4), UPRIGHT))
+        run(model, data, 4)
+        assert np.abs(data.qvel).max() < 1e-6
+        depths.append(data.contact.dist.mean())
+    assert depths[1] == pytest.approx(depths[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("frames", [1, 5])

@@ -28,6 +28,7 @@ from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Attached
 from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
 from mjframes.scene.plugin_text import decode
 from mjframes.scene.view import Soft, soft
 from mjframes.volume.material import Material
@@ -127,11 +128,15 @@ def obstacle(request: pytest.FixtureRequest) -> Obstacle:
 
 
 def touching(
-    obstacle: Obstacle, cone: str = "elliptic", jacobian: str = "dense", depth: float = 0.0
+    obstacle: Obstacle,
+    cone: str = "elliptic",
+    jacobian: str = "dense",
+    depth: float = 0.0,
+    dents: bool = False,
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A distorted beam that came down until at least three clusters touch, and by `depth` [m] more; all moving."""
     xml = SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict())
-    model, data = compiled(xml, (beam(), (0, 0, 0), (1, 0, 0, 0)), parent="arm")
+    model, data = compiled(xml, (beam(), (0, 0, 0), (1, 0, 0, 0)), contact=Contact(dents=dents), parent="arm")
     view = soft(model, data, "soft0")
     rng = np.random.default_rng(0)
     data.joint(int(model.body("arm").jntadr[0])).qpos[:] = 0.3
@@ -218,14 +223,16 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
         vertices = cluster.weights @ view.control_positions + cluster.offset @ holder.T
         local = (vertices - origin) @ axes
         gap = obstacle.distance(local)
-        share = np.maximum(0, 1 - (gap - gap.min()) / reach) ** 2
-        share /= share.sum()
+        # what is half as deep as the deepest bears nothing of a dent
+        wide = max(reach, -0.5 * gap.min()) if "patch_dent" in view.configuration else reach
+        bears = np.maximum(0, 1 - (gap - gap.min()) / wide) ** 2
+        share = bears / bears.sum()
         step = 1e-6 * np.eye(3)[:, None]
         gradient = (obstacle.distance(local + step) - obstacle.distance(local - step)) / 2e-6
         normal = axes @ gradient @ share
         distance, lies = float(share @ gap), 0.0
         if cluster.flat:  # the contact goes to the corner, where the cluster begins, unless that is higher
-            lies = min(1.0, 2 * float((np.maximum(0, 1 - (gap - gap.min()) / reach) ** 2).mean()))
+            lies = min(1.0, 2 * float(bears.mean()))
             higher = min(gap[0] - distance, 0.04 * reach)
             moved = 1 - max(0.0, higher) / (0.04 * reach)
             distance += higher - max(0.0, higher) ** 2 / (0.08 * reach)
@@ -283,6 +290,11 @@ def test_rows_are_the_velocity_of_the_material_point(obstacle: Obstacle, cone: s
     check_rows(*touching(obstacle, cone, jacobian), obstacle, cone)
 
 
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_rows_of_contacts_that_make_dents(cone: str) -> None:
+    check_rows(*touching(OBSTACLES["plane"], cone, depth=0.004, dents=True), OBSTACLES["plane"], cone)
+
+
 def check_rows(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle, cone: str) -> None:
     rows = dense_constraints(model, data)
     view = soft(model, data, "soft0")
@@ -316,7 +328,7 @@ def test_rows_of_frames_that_turn_and_of_links_that_hold(kind: str, cone: str, j
     hand = '<body name="hand"><joint axis="1 0 0"/><geom size=".001" contype="0" conaffinity="0"/></body>'
     xml = SCENE.format(cone=cone, jacobian=jacobian, **obstacle._asdict())
     xml = xml.replace('<body name="obstacle"', hand + '<body name="obstacle"')
-    model, data = compiled(xml, (held_bar(), (-0.12, 0, 0), TILTED), parent="arm")
+    model, data = compiled(xml, (held_bar(), (-0.12, 0, 0), TILTED), contact=Contact(dents=False), parent="arm")
     rng = np.random.default_rng(1)
     for _ in range(50):
         jumble(model, data, rng, 0.03, 0.5)
@@ -376,6 +388,7 @@ def relative_motion(
 
 
 def test_impedance_is_that_of_the_effective_inertia_or_of_the_mass_where_flat_lies(obstacle: Obstacle) -> None:
+    """Of cones that make no dents: those of dents are softer (dents.cc)."""
     model, data = touching(obstacle)
     rows = dense_constraints(model, data)
     inverse = np.linalg.inv(dense_inertia(model, data))

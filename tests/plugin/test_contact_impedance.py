@@ -20,7 +20,7 @@ SIDE, TIME_CONSTANT = 0.06, 0.02  # [m], [s]
 @pytest.mark.parametrize("impedance", [0.5, 0.9, 0.99])
 @pytest.mark.parametrize("density", [100, 3000])
 def test_the_ratio_of_regularization_is_the_one_asked_for(density: float, impedance: float) -> None:
-    contact = Contact(condim=1, solref=(TIME_CONSTANT, 1), solimp=(impedance, impedance), priority=1)
+    contact = Contact(condim=1, solref=(TIME_CONSTANT, 1), solimp=(impedance, impedance), priority=1, dents=False)
     model, data = compiled(FLOOR, (block((6, 6, 6), 0.01, density, 0.005), (0, 0, 0), (1, 0, 0, 0)), contact=contact)
     for _ in range(3000):
         mujoco.mj_step(model, data)
@@ -39,7 +39,7 @@ def test_a_time_constant_is_never_below_two_timesteps(timestep: float) -> None:
     """As MuJoCo sees to unless refsafe is disabled: k = 1/(dmax τ ζ)² of every row."""
     for disabled, shortest in ((0, 2 * timestep), (mujoco.mjtDisableBit.mjDSBL_REFSAFE, 0.0)):
         body = (block((6, 6, 6), 0.01, 1000), (0, 0, -0.001), (1, 0, 0, 0))
-        model, data = compiled(FLOOR, body, contact=Contact(priority=1), timestep=timestep)
+        model, data = compiled(FLOOR, body, contact=Contact(priority=1, dents=False), timestep=timestep)
         model.opt.disableflags = disabled
         mujoco.mj_forward(model, data)
         assert data.nefc > 3

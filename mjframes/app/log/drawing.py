@@ -32,7 +32,8 @@ from foxglove.messages import (
     Vector3,
 )
 
-from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_color, skin_vertices
+from mjframes.app.dented import skin_vertices
+from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_color
 from mjframes.app.log.coarse import coarse_skins
 from mjframes.app.log.numbers import nanoseconds_of
 

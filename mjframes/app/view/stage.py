@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 from viser import BoxHandle, CylinderHandle, FrameHandle, IcosphereHandle, MeshHandle, ViserServer
 
-from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_parts, skin_vertices, sky_color
+from mjframes.app.dented import skin_vertices
+from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_parts, sky_color
 
 Node = BoxHandle | CylinderHandle | IcosphereHandle | MeshHandle
 LINES = 20  # of a plane's grid, along its shorter side at least
