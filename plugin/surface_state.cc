@@ -70,24 +70,26 @@ SurfaceState::SurfaceState(const ContactModel& contact, const Kinematics& kinema
   vertices_.resize(numbers);
 }
 
-void SurfaceState::Update(const mjData* d) {
-  bool same = true;
-  mjtNum* placed = placed_.data();
-  const auto keep = [&](const mjtNum* now, int count) {
-    same = same && std::memcmp(placed, now, count * sizeof(mjtNum)) == 0;
-    if (!same) std::copy_n(now, count, placed);
+bool SurfaceState::Moved(const mjData* d) const {
+  const mjtNum* placed = placed_.data();
+  const auto differs = [&](const mjtNum* now, int count) {
     placed += count;
+    return std::memcmp(placed - count, now, count * sizeof(mjtNum)) != 0;
   };
-  for (const auto& run : runs_) {
-    keep(d->xpos + 3 * run[0], 3 * run[1]);
-    if (turns_) keep(d->xmat + 9 * run[0], 9 * run[1]);
+  for (const auto& [first, count] : runs_) {
+    if (differs(d->xpos + 3 * first, 3 * count) || (turns_ && differs(d->xmat + 9 * first, 9 * count))) return true;
   }
-  if (offsets_) {
-    const Mat3 axes = kinematics_.Axes(d);
-    same = same && axes == axes_;
-    axes_ = axes;
+  return offsets_ && kinematics_.Axes(d) != axes_;
+}
+
+void SurfaceState::Update(const mjData* d) {
+  if (!Moved(d)) return;
+  mjtNum* placed = placed_.data();
+  for (const auto& [first, count] : runs_) {
+    placed = std::copy_n(d->xpos + 3 * first, 3 * count, placed);
+    if (turns_) placed = std::copy_n(d->xmat + 9 * first, 9 * count, placed);
   }
-  if (same) return;
+  if (offsets_) axes_ = kinematics_.Axes(d);
   version_++;
   for (size_t j = 0; j < x_.size(); j++) x_[j] = kinematics_.WorldPosition(d, static_cast<int>(j));
   nodes_.Forget();

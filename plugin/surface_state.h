@@ -85,6 +85,9 @@ class SurfaceState {
     std::vector<Kept> touches;
   };
 
+  // Whether control points are elsewhere in `d` than they were when this was updated.
+  bool Moved(const mjData* d) const;
+
   const ContactModel& contact_;
   const Kinematics& kinematics_;
   std::vector<std::array<int, 2>> runs_;  // of bodies that carry control points: the first, how many
