@@ -94,7 +94,7 @@ inline constexpr int kTrustedCubes = static_cast<int>(kTrusted) + 1;  // [cubes]
 // What is kept while the control points stay where they are; every mjData has it for every soft body, or patch.
 inline constexpr int kKeptTouches = 4;     // geoms that a patch keeps its touches with
 inline constexpr size_t kKeptNodes = 256;  // of the lattice: those around a finger or two
-// Where the scene has other soft bodies, a patch meets more geoms, and their vertices many nodes:
+// Where the scene has other soft bodies, a patch meets more geoms, and their vertices, and flexes, many nodes:
 inline constexpr int kKeptSoftTouches = 8;
 inline constexpr size_t kKeptSoftNodes = 4096;
 // Where points of others are (meetings.h)
@@ -136,7 +136,12 @@ inline constexpr double kSamePlace = 1e-9;  // [m]
 // on this side of a surface whose distance is interpolated.
 inline constexpr double kThere = 1e-3;    // [cubes]
 inline constexpr double kCareful = 0.97;  // [-]
-inline constexpr double kRayStep = 0.5;   // [cubes] where nothing is known but that the surface is not here
+// [m] a number that rounds others to 2⁻⁴⁰ m, a picometre, when it is added and taken off: MuJoCo comes back to places
+// by other ways, which round otherwise, and each place is looked for once.
+inline constexpr double kRounder = 0x1.8p12;
+inline constexpr size_t kKeptFieldPoints = 256;        // three times what is asked of a patch for a triangle of a flex
+inline constexpr uint64_t kHash = 0x9e3779b97f4a7c15;  // 2⁶⁴ over the golden ratio: spreads places evenly
+inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but that the surface is not here
 
 // Dents (dents.h)
 

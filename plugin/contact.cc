@@ -35,7 +35,7 @@ int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2
   TouchScratch scratch;
   Touch touch[kMaxTouches];
   const int found = FindTouches(m, d, geom, side, margin, &scratch, touch);
-  if (found > 0 && (WrongNumber(m, g1) || WrongNumber(m, g2))) return 0;  // World::CheckOptions tells of it
+  if (found == 0 || WrongNumber(m, g1) || WrongNumber(m, g2)) return 0;  // of these World::CheckOptions tells
   const int limit = mj_maxContact(m, g1, g2, -1);
   int count = 0;
   for (int i = 0; i < found && count < limit; i++) {

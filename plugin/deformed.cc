@@ -105,31 +105,32 @@ bool DeformedPatch::Deform(Cube* cube) const {
   if (cube->deformed) return true;
   for (int corner = 0; corner < 8; corner++) {
     const int node = cube->nodes[corner];
-    if (in_rows_ && !patch().volume.whole[node]) {
-      const DeformedNode restricted = DeformedNode::Create(field_, in_rows_, x_, node);
-      if (restricted.x[3] < kLeastInRows) return false;
-      std::copy_n(restricted.x, 4, cube->x[corner]);
-    } else {
-      std::copy_n(nodes_->At(node, field_, x_).x, 4, cube->x[corner]);
-    }
+    const bool whole = !in_rows_ || patch().volume.whole[node];
+    const DeformedNode& deformed = nodes_->At(node, field_, whole ? nullptr : in_rows_, patch_, x_);
+    if (deformed.x[3] < kLeastInRows) return false;
+    std::copy_n(deformed.x, 4, cube->x[corner]);
   }
   cube->deformed = true;
   return true;
 }
 
-DeformedPatch::Search DeformedPatch::Find(const Vec3& p, bool own, double height, Vec3* xi, Cube* cube,
-                                          Mat3* slope) const {
+DeformedPatch::Search DeformedPatch::Find(const Vec3& p, bool own, double height, Vec3* xi, Cube* cube, Mat3* slope,
+                                          bool* found_own) const {
   const double volume = field_.spacing * field_.spacing * field_.spacing;
+  bool owned = own || found_own;
   for (int step = 0; step < kFindSteps; step++) {
     Vec3 fraction;
     if (!Enter(*xi, cube, &fraction)) return Search::kOutside;
     // the first step may still be off by a cube or two
-    if (own && step > 1 && !Owns(cube->nodes)) return Search::kNowhere;
+    if (owned && step > 1) owned = Owns(cube->nodes);
+    if (own && !owned) return Search::kNowhere;
     if (!Deform(cube)) return Search::kNowhere;
     Mat3 F;
     const Vec3 gap = p - Interpolate(cube->x, fraction, &F);
     if (Dot(gap, gap) < kFound * kFound) {
-      return !own || field_.IsNearest(cube->nodes, fraction, patch_) ? Search::kFound : Search::kNowhere;
+      owned = owned && field_.IsNearest(cube->nodes, fraction, patch_);
+      if (found_own) *found_own = owned;
+      return owned || !own ? Search::kFound : Search::kNowhere;
     }
     if (!(Det(F) > kCollapsed * volume)) return Search::kNowhere;
     *slope = Inverse(F);
@@ -164,13 +165,15 @@ bool DeformedPatch::Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* no
   return true;
 }
 
-bool DeformedPatch::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
-  Cube cube;
+bool DeformedPatch::Distance(const Vec3& p, bool own, Cube* cube, Vec3* xi, double* distance, Vec3* normal,
+                             bool* found_own) const {
   Mat3 slope;
   Vec3 surface;
   double doubt;
-  if (Find(p, own, mjMAXVAL, xi, &cube, &slope) != Search::kFound || !Surface(*xi, &cube, &surface, normal, &doubt))
+  if (Find(p, own, mjMAXVAL, xi, cube, &slope, found_own) != Search::kFound ||
+      !Surface(*xi, cube, &surface, normal, &doubt)) {
     return false;
+  }
   *distance = Dot(*normal, p - surface);
   return true;
 }

@@ -26,27 +26,29 @@ struct DeformedNode {
   static DeformedNode Create(const DistanceField& field, const uint8_t* in_rows, const Vec3* x, int number);
 };
 
-// Nodes that all control points move. Each is found when it is asked for and kept in a place that it shares with
-// others. Those of which the rows of a patch leave something out, rare ones, are made anew each time.
+// Nodes as all control points move them, and those of which the rows of a patch leave something out as these do. Each
+// is found when it is asked for and kept in a place that it shares with others.
 class DeformedNodes {
  public:
   // places: how many, a power of two.
-  explicit DeformedNodes(size_t places) : node_(places, -1), deformed_(places) {}
+  explicit DeformedNodes(size_t places) : key_(places, -1), deformed_(places) {}
 
   // After the control points have moved.
-  void Forget() { std::fill(node_.begin(), node_.end(), -1); }
+  void Forget() { std::fill(key_.begin(), key_.end(), -1); }
 
-  const DeformedNode& At(int node, const DistanceField& field, const Vec3* x) {
-    const size_t place = static_cast<size_t>(node) & (node_.size() - 1);
-    if (node_[place] != node) {
-      node_[place] = node;
-      deformed_[place] = DeformedNode::Create(field, nullptr, x, node);
+  // in_rows: those of the patch, null for all control points.
+  const DeformedNode& At(int node, const DistanceField& field, const uint8_t* in_rows, int patch, const Vec3* x) {
+    const int64_t key = node + (in_rows ? (patch + 1) * static_cast<int64_t>(field.node.size()) : 0);
+    const size_t place = static_cast<size_t>(key) & (key_.size() - 1);
+    if (key_[place] != key) {
+      key_[place] = key;
+      deformed_[place] = DeformedNode::Create(field, in_rows, x, node);
     }
     return deformed_[place];
   }
 
  private:
-  std::vector<int32_t> node_;           // which one is kept in a place, −1 for none
+  std::vector<int64_t> key_;            // which one is kept in a place, −1 for none
   std::vector<DeformedNode> deformed_;  // in these places
 };
 
@@ -81,12 +83,19 @@ class DeformedPatch {
 
   // The same; outside where that led out of the lattice, above where p is surely farther
   // than `height` outside of the surface, and ξ then a better guess. Leaves the cube around ξ and, if ξ had to move,
-  // ∂ξ/∂x near there [cubes/m].
-  Search Find(const Vec3& p, bool own, double height, Vec3* xi, Cube* cube, Mat3* slope) const;
+  // ∂ξ/∂x near there [cubes/m]. found_own: whether `own` would have found it; may be null.
+  Search Find(const Vec3& p, bool own, double height, Vec3* xi, Cube* cube, Mat3* slope,
+              bool* found_own = nullptr) const;
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
   // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
-  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
+  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
+    Cube cube;
+    return Distance(p, own, &cube, xi, distance, normal, nullptr);
+  }
+
+  // The same; starts in a cube that it had last, and leaves one.
+  bool Distance(const Vec3& p, bool own, Cube* cube, Vec3* xi, double* distance, Vec3* normal, bool* found_own) const;
 
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
   bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {

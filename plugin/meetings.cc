@@ -61,21 +61,10 @@ Meetings::Meetings(const ContactModel& contact, const CollisionMeshes& meshes, b
   features_.reserve(std::min(kKeptFeatureGeoms, rigid));
 }
 
-double Meetings::Margin(const mjModel* m) {
-  if (margin_version_ == state_->version()) return margin_;
-  margin_version_ = state_->version();
-  margin_ = 0;
-  for (const Patch& patch : contact_.patches) {
-    margin_ = std::max(margin_, m->geom_margin[patch.geom] + m->geom_gap[patch.geom]);
-  }
-  return margin_;
-}
-
-void Meetings::Measure() {
-  if (measured_ == state_->version()) return;
+void Meetings::Measure(const mjModel* m) {
   measured_ = state_->version();
   Vec3 low = {mjMAXVAL, mjMAXVAL, mjMAXVAL}, high = {-mjMAXVAL, -mjMAXVAL, -mjMAXVAL};
-  cover_ = 0;
+  extent_.cover = extent_.margin = 0;
   for (int i = 0; i < static_cast<int>(contact_.patches.size()); i++) {
     const AlignedBox& box = state_->VertexBox(i);
     vertex_boxes_.Set(i, box);
@@ -83,20 +72,15 @@ void Meetings::Measure() {
       low[c] = std::min(low[c], box.centre[c] - box.half[c]);
       high[c] = std::max(high[c], box.centre[c] + box.half[c]);
     }
-    cover_ = std::max(cover_, contact_.patches[i].volume.cover * state_->Pose(i).stretch);
+    extent_.cover = std::max(extent_.cover, contact_.patches[i].volume.cover * state_->Pose(i).stretch);
+    const int geom = contact_.patches[i].geom;
+    extent_.margin = std::max(extent_.margin, m->geom_margin[geom] + m->geom_gap[geom]);
   }
-  around_ = {0.5 * (low + high), 0.5 * (high - low)};
-}
-
-bool Meetings::Apart(Meetings* other, double height) {
-  Measure();
-  other->Measure();
-  return around_.Apart(other->around_, std::max(cover_, other->cover_) + height);
+  extent_.box = {0.5 * (low + high), 0.5 * (high - low)};
 }
 
 MetPoints Meetings::FindVertices(int patch, Meetings* other, double height) {
-  other->Measure();
-  if (state_->VertexBox(patch).Apart(other->around_, other->cover_ + height)) return {nullptr, 0};
+  if (state_->VertexBox(patch).Apart(other->extent_.box, other->extent_.cover + height)) return {nullptr, 0};
   Meeting* meeting = nullptr;
   for (Meeting& kept : kept_[patch]) {
     if (kept.other == other) meeting = &kept;
@@ -151,7 +135,7 @@ MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, do
   for (;;) {
     const int begin = features_.empty() ? 0 : features_.back().begin + features_.back().count;
     Sink sink = {met_.data() + begin, 0, static_cast<int>(met_.size()) - begin};
-    SearchFeatures(features, d, geom, room, height, &sink);
+    SearchFeatures(m, features, d, geom, room, height, &sink);
     if (sink.count < sink.most || begin == 0) {
       features_.push_back({geom, type, data, place, size, room, height, begin, sink.count});
       return {sink.out, sink.count};
@@ -160,8 +144,8 @@ MetPoints Meetings::FindFeatures(const mjModel* m, const mjData* d, int geom, do
   }
 }
 
-void Meetings::SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height,
-                              Sink* sink) {
+void Meetings::SearchFeatures(const mjModel* m, const Features& features, const mjData* d, int geom, double room,
+                              double height, Sink* sink) {
   if (posed_ != state_->version()) {
     posed_ = state_->version();
     for (int i = 0; i < static_cast<int>(contact_.patches.size()); i++) material_boxes_.Set(i, state_->Pose(i).box);
@@ -174,7 +158,7 @@ void Meetings::SearchFeatures(const Features& features, const mjData* d, int geo
     for (size_t i = cluster.begin; i < cluster.end && sink->count < sink->most; i++) {
       const Vec3 p = origin + Mul(axes, features.points[i]);
       if (!material_boxes_.AnyWithin(p, room)) continue;
-      Measure();
+      Measured(m);
       trail.apart = 0;  // one deep inside may leave the lattice, too, and others are then not far
       Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, nullptr, 0, &trail, sink);
     }
@@ -184,7 +168,7 @@ void Meetings::SearchFeatures(const Features& features, const mjData* d, int geo
 // Adds the point if it is in this body or no higher above; measured.
 void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink) {
   const Vec3& p = sought.place;
-  if (!around_.Contains(p, cover_ + height) || Norm(p - trail->start) < trail->apart) return;
+  if (!extent_.box.Contains(p, extent_.cover + height) || Norm(p - trail->start) < trail->apart) return;
   const DeformedPatch all = state_->Deformed(kAllPatches);
   DeformedPatch::Cube cube;
   Result found = Result::kNowhere;
@@ -209,7 +193,7 @@ void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int 
   }
   if (found == Result::kOutside && far > 0) {
     trail->start = p;
-    trail->apart = far - cover_ - height;
+    trail->apart = far - extent_.cover - height;
   }
 }
 

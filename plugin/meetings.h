@@ -9,6 +9,7 @@
 
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -47,20 +48,29 @@ class Meetings {
   // rigid: how many other geoms it has.
   Meetings(const ContactModel& contact, const CollisionMeshes& meshes, bool pairs, size_t rigid, SurfaceState* state);
 
-  // Whether the two bodies are so far apart that no vertex of either is in the other or no higher above its surface
-  // than `height` [m].
-  bool Apart(Meetings* other, double height);
+  // The body at a glance: around all vertices; no place of the surface is farther from the nearest of them than `cover`
+  // [m]; and the largest margin and gap of its geoms when it moved last [m].
+  struct Extent {
+    AlignedBox box;
+    double cover, margin;
+
+    // Whether no vertex of either body is in the other or no higher above its surface than `height` [m].
+    bool Apart(const Extent& other, double height) const {
+      return box.Apart(other.box, std::max(cover, other.cover) + height);
+    }
+  };
+  const Extent& Measured(const mjModel* m) {
+    if (measured_ != state_->version()) Measure(m);
+    return extent_;
+  }
 
   // The vertices of a patch that are in the other body or no higher above its surface than `height` [m], and maybe
-  // others.
+  // others. Both bodies were measured.
   MetPoints FindVertices(int patch, Meetings* other, double height);
 
   // The features of a rigid geom that are in this body or no higher above its surface, and no farther from its patches
   // than `room` [m], and maybe others.
   MetPoints FindFeatures(const mjModel* m, const mjData* d, int geom, double room, double height);
-
-  // The largest margin and gap of its geoms when it moved last [m].
-  double Margin(const mjModel* m);
 
  private:
   // Of a patch with one other body.
@@ -95,9 +105,10 @@ class Meetings {
     int count, most;
   };
 
-  void Measure();  // where the vertices of all patches are
+  void Measure(const mjModel* m);  // where the vertices of all patches are
   void Search(int patch, Meetings* other, double height, Meeting* out);
-  void SearchFeatures(const Features& features, const mjData* d, int geom, double room, double height, Sink* sink);
+  void SearchFeatures(const mjModel* m, const Features& features, const mjData* d, int geom, double room, double height,
+                      Sink* sink);
   void Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink);
   Vec3 Guess(const Vec3& p, Mat3* slope, double* far);
   void Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube, Sink* sink);
@@ -107,12 +118,10 @@ class Meetings {
   SurfaceState* state_;
 
   // of these positions, each found for a version of its own
-  uint64_t margin_version_ = 0, measured_ = 0, posed_ = 0;
-  double margin_ = 0;
+  uint64_t measured_ = 0, posed_ = 0;
   Boxes vertex_boxes_;    // of the patches
   Boxes material_boxes_;  // and what is below them
-  AlignedBox around_{};   // around all vertices
-  double cover_ = 0;      // no place of the surface is farther from the nearest vertex [m]
+  Extent extent_{};
 
   std::vector<std::array<Meeting, kKeptMeetings>> kept_;  // by patch; empty without other soft bodies
   std::vector<int> next_;                                 // of a patch's meetings, that is given up for another

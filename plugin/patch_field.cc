@@ -29,13 +29,40 @@ Vec3 Direction(const Vec3& a, const Vec3& b) {
   return length > mjMINVAL ? (1 / length) * (b - a) : Vec3{0, 0, 1};
 }
 
+double Measure(const Placed& soft, const Vec3& p, Vec3* normal) {
+  const PatchVolume& volume = soft.deformed.patch().volume;
+  const double resolution = soft.room, cover = (volume.solid ? volume.cover : volume.spread) * soft.pose.stretch;
+  const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox(soft.number);
+  Vec3 nearest;  // of the box
+  for (int i = 0; i < 3; i++) nearest[i] = std::clamp(p[i], box.centre[i] - box.half[i], box.centre[i] + box.half[i]);
+  const double gap = Norm(p - nearest);
+  if (gap > cover + resolution) {
+    *normal = Direction(nearest, p);
+    return volume.solid ? gap : gap - cover;
+  }
+  double distance;
+  bool own;
+  if (volume.solid && soft.Distance(p, soft.state->FieldCube(soft.number), &distance, normal, &own)) {
+    if (std::abs(distance) < kThere * resolution) return 0;
+    if (distance > 0) return kCareful * distance;
+    if (own) return distance;
+  }
+  const double* vertices = soft.state->Vertices(soft.number);
+  const int n = soft.deformed.patch().vertices, s = soft.NearestVertex(p);
+  const Vec3 vertex = {vertices[s], vertices[n + s], vertices[2 * n + s]};
+  *normal = Direction(vertex, p);
+  distance = Norm(p - vertex) - cover;
+  return volume.solid ? std::max({gap, distance, kRayStep * resolution}) : distance;
+}
+
 double Evaluate(const mjtNum point[3], const mjData* d, int instance, mjtNum* gradient) {
   const auto* field = DataOf<const PatchField>(d, instance);
   const SoftContact& contact = GetSoftBody(d, field->instance)->contact();
   const int patch = contact.FindPatch(field->geom);
   if (patch < 0) return mjMAXVAL;
   const Mat3 axes = ToMat3(d->geom_xmat + 9 * field->geom);
-  const Vec3 p = ToVec3(d->geom_xpos + 3 * field->geom) + Mul(axes, ToVec3(point));
+  Vec3 p = ToVec3(d->geom_xpos + 3 * field->geom) + Mul(axes, ToVec3(point));
+  for (double& component : p) component = (component + kRounder) - kRounder;
   Vec3 normal;
   const double distance = FieldDistance(contact, patch, d, p, &normal);
   if (gradient) {
@@ -66,31 +93,14 @@ int SoftInstanceOf(const mjModel* m, int geom) {
 
 double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
   const std::lock_guard lock(contact.state()->mutex);
-  const double resolution = contact.model().resolution();
-  const Placed soft = Place(contact, patch, d, resolution);
-  const PatchVolume& volume = contact.model().patches[patch].volume;
-  const double cover = (volume.solid ? volume.cover : volume.spread) * soft.pose.stretch;
-  const AlignedBox& box = volume.solid ? soft.pose.box : soft.state->VertexBox(patch);
-  Vec3 nearest;  // of the box
-  for (int i = 0; i < 3; i++) nearest[i] = std::clamp(p[i], box.centre[i] - box.half[i], box.centre[i] + box.half[i]);
-  const double gap = Norm(p - nearest);
-  if (gap > cover + resolution) {
-    *normal = Direction(nearest, p);
-    return volume.solid ? gap : gap - cover;
+  contact.state()->Update(d);
+  SurfaceState::FieldPoint* known = contact.state()->Asked(patch, p);
+  if (!known->found) {
+    known->distance = Measure(Place(contact, patch, d, contact.model().resolution()), p, &known->normal);
+    known->found = true;
   }
-  double distance;
-  Vec3 xi;
-  if (volume.solid && soft.Distance(p, false, &xi, &distance, normal)) {
-    if (std::abs(distance) < kThere * resolution) return 0;
-    if (distance > 0) return kCareful * distance;
-    if (soft.Distance(p, true, &xi, &distance, normal)) return distance;
-  }
-  const double* vertices = soft.state->Vertices(patch);
-  const int n = soft.deformed.patch().vertices, s = soft.NearestVertex(p);
-  const Vec3 vertex = {vertices[s], vertices[n + s], vertices[2 * n + s]};
-  *normal = Direction(vertex, p);
-  distance = Norm(p - vertex) - cover;
-  return volume.solid ? std::max({gap, distance, kRayStep * resolution}) : distance;
+  *normal = known->normal;
+  return known->distance;
 }
 
 void RegisterPatchField() {

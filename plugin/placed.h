@@ -24,8 +24,15 @@ struct Placed {
   // Signed distance of p; xi becomes the material point at p. own: only under this patch.
   bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
 
+  // That of p from the body, and whether p is under this patch. Starts in a cube that it had last, and leaves one.
+  bool Distance(const Vec3& p, DeformedPatch::Cube* cube, double* distance, Vec3* normal, bool* own) const;
+
   // The vertex nearest to p.
   int NearestVertex(const Vec3& p) const;
+
+ private:
+  // The material point at p, about; near: whether it may be one of this patch.
+  Vec3 Guess(const Vec3& p, bool* near) const;
 };
 
 // The caller has locked the surface's mutex.

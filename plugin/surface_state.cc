@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 #include <limits>
+#include <map>
 
 #include "constants.h"
 #include "kinematics.h"
@@ -24,8 +25,8 @@ void CopyShares(const Touch* touch, int count, const double* from, const Vec3* f
   }
 }
 
-size_t KeptNodes(const ContactModel& contact, bool pairs) {
-  return std::min(std::bit_ceil(contact.field.node.size()), pairs ? kKeptSoftNodes : kKeptNodes);
+size_t KeptNodes(const ContactModel& contact, bool wide) {
+  return std::min(std::bit_ceil(contact.field.node.size()), wide ? kKeptSoftNodes : kKeptNodes);
 }
 
 }  // namespace
@@ -37,24 +38,26 @@ GeomPlace PlaceOf(const mjData* d, int geom) {
   return place;
 }
 
-SurfaceState::SurfaceState(const ContactModel& contact, const Kinematics& kinematics, bool pairs)
+SurfaceState::SurfaceState(const ContactModel& contact, const Kinematics& kinematics, bool pairs, bool wide)
     : contact_(contact),
       kinematics_(kinematics),
       x_(kinematics.points().size()),
       patches_(contact.patches.size()),
-      nodes_(KeptNodes(contact, pairs)) {
-  std::vector<int> bodies;
+      nodes_(KeptNodes(contact, wide)),
+      asked_(wide ? kKeptFieldPoints : 1) {
+  std::map<int, bool> bodies;  // whether points of each are elsewhere than at its origin
   for (const ControlPoint& point : kinematics.points()) {
-    bodies.push_back(point.body);
-    turns_ = turns_ || point.offset;
+    if (point.body > 0) bodies[point.body] |= point.offset;
   }
-  std::sort(bodies.begin(), bodies.end());
-  bodies.erase(std::unique(bodies.begin(), bodies.end()), bodies.end());
-  for (const int body : bodies) {
-    if (runs_.empty() || body != runs_.back()[0] + runs_.back()[1]) runs_.push_back({body, 0});
-    runs_.back()[1]++;
+  size_t size = 0;
+  for (const auto& [body, turns] : bodies) {
+    if (runs_.empty() || body != runs_.back().first + runs_.back().count || turns != runs_.back().turns) {
+      runs_.push_back({body, 0, turns});
+    }
+    runs_.back().count++;
+    size += turns ? 12 : 3;
   }
-  placed_.assign((turns_ ? 12 : 3) * bodies.size(), std::numeric_limits<double>::quiet_NaN());  // equal to nothing
+  placed_.assign(size, std::numeric_limits<double>::quiet_NaN());  // equal to nothing
   size_t numbers = 0;
   for (size_t i = 0; i < patches_.size(); i++) {
     const size_t n = contact.patches[i].vertices;
@@ -70,29 +73,32 @@ SurfaceState::SurfaceState(const ContactModel& contact, const Kinematics& kinema
   vertices_.resize(numbers);
 }
 
-void SurfaceState::Update(const mjData* d) {
-  bool same = true;
-  mjtNum* placed = placed_.data();
-  const auto keep = [&](const mjtNum* now, int count) {
-    same = same && std::memcmp(placed, now, count * sizeof(mjtNum)) == 0;
-    if (!same) std::copy_n(now, count, placed);
+bool SurfaceState::Moved(const mjData* d) const {
+  const mjtNum* placed = placed_.data();
+  const auto differs = [&](const mjtNum* now, int count) {
     placed += count;
+    return std::memcmp(placed - count, now, count * sizeof(mjtNum)) != 0;
   };
-  for (const auto& run : runs_) {
-    keep(d->xpos + 3 * run[0], 3 * run[1]);
-    if (turns_) keep(d->xmat + 9 * run[0], 9 * run[1]);
+  for (const auto& [first, count, turns] : runs_) {
+    if (differs(d->xpos + 3 * first, 3 * count) || (turns && differs(d->xmat + 9 * first, 9 * count))) return true;
   }
-  if (offsets_) {
-    const Mat3 axes = kinematics_.Axes(d);
-    same = same && axes == axes_;
-    axes_ = axes;
+  return offsets_ && kinematics_.Axes(d) != axes_;
+}
+
+void SurfaceState::Update(const mjData* d) {
+  if (!Moved(d)) return;
+  mjtNum* placed = placed_.data();
+  for (const auto& [first, count, turns] : runs_) {
+    placed = std::copy_n(d->xpos + 3 * first, 3 * count, placed);
+    if (turns) placed = std::copy_n(d->xmat + 9 * first, 9 * count, placed);
   }
-  if (same) return;
+  if (offsets_) axes_ = kinematics_.Axes(d);
   version_++;
   for (size_t j = 0; j < x_.size(); j++) x_[j] = kinematics_.WorldPosition(d, static_cast<int>(j));
   nodes_.Forget();
   for (OfPatch& patch : patches_) {
     patch.posed = patch.skinned = false;
+    patch.cube.nodes[0] = -1;
     patch.kept = 0;
   }
 }
@@ -112,6 +118,16 @@ const double* SurfaceState::Vertices(int patch) {
   SkinVertices(contact_.patches[patch], x_.data(), axes_, out);
   one.box = BoxAround(out, contact_.patches[patch].vertices);
   return out;
+}
+
+SurfaceState::FieldPoint* SurfaceState::Asked(int patch, const Vec3& place) {
+  uint64_t hash = static_cast<uint64_t>(patch);
+  for (const double component : place) hash = (hash ^ std::bit_cast<uint64_t>(component)) * kHash;
+  FieldPoint* point = &asked_[hash >> 32 & (asked_.size() - 1)];
+  if (point->version != version_ || point->patch != patch || point->place != place) {
+    *point = {version_, patch, false, place, 0, {}};
+  }
+  return point;
 }
 
 void SurfaceState::Keep(const mjData* d, int patch, int geom, const SurfaceState* other, const Touch* touch, int count,

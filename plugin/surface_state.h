@@ -31,8 +31,9 @@ GeomPlace PlaceOf(const mjData* d, int geom);
 // It belongs to one mjData; whoever uses it has locked its mutex.
 class SurfaceState {
  public:
-  // pairs: whether the scene has patches of other soft bodies.
-  SurfaceState(const ContactModel& contact, const Kinematics& kinematics, bool pairs);
+  // pairs: whether the scene has patches of other soft bodies. wide: whether it has those or flexes, which meet many
+  // nodes.
+  SurfaceState(const ContactModel& contact, const Kinematics& kinematics, bool pairs, bool wide);
 
   // Forgets what is not so where the control points are in `d`.
   void Update(const mjData* d);
@@ -54,6 +55,22 @@ class SurfaceState {
     if (!patches_[patch].skinned) Vertices(patch);
     return patches_[patch].box;
   }
+
+  // What the patch's field is at a place in the world, once that was found (patch_field.h).
+  struct FieldPoint {
+    uint64_t version = 0;  // of these positions
+    int patch = -1;
+    bool found = false;
+    Vec3 place{};
+    double distance = 0;
+    Vec3 normal{};
+  };
+
+  // Where that of the place is kept, among others that are given up for it; not found if it was not asked for lately.
+  FieldPoint* Asked(int patch, const Vec3& place);
+
+  // The cube that a patch's field was last asked for.
+  DeformedPatch::Cube* FieldCube(int patch) { return &patches_[patch].cube; }
 
   // Keeps the touches of a patch with a geom for as long as neither moves, if there is room. other: whose patch the
   // geom is, null where it is rigid. share, xi: of the vertices; material points xi of the other patch.
@@ -81,24 +98,35 @@ class SurfaceState {
     bool posed = false, skinned = false;
     PatchPose pose{{}, {}, {}, 0, 1};
     AlignedBox box{};  // around its vertices
-    int kept = 0;      // so many of these
+    DeformedPatch::Cube cube;
+    int kept = 0;  // so many of these
     std::vector<Kept> touches;
   };
 
+  // Whether control points are elsewhere in `d` than they were when this was updated.
+  bool Moved(const mjData* d) const;
+
   const ContactModel& contact_;
   const Kinematics& kinematics_;
-  std::vector<std::array<int, 2>> runs_;  // of bodies that carry control points: the first, how many
-  bool turns_ = false;                    // whether points are elsewhere than at their bodies' origins
-  bool offsets_ = false;                  // whether vertices move with the soft body's axes, too
-  std::vector<mjtNum> placed_;            // where these bodies are
-  std::vector<Vec3> x_;                   // of the control points (k)
-  Mat3 axes_{};                           // of the soft body, in the world
+  // Of bodies that move and carry control points: the first, how many, and whether any is elsewhere than at its body's
+  // origin.
+  struct Run {
+    int first, count;
+    bool turns;
+  };
+
+  std::vector<Run> runs_;
+  bool offsets_ = false;        // whether vertices move with the soft body's axes, too
+  std::vector<mjtNum> placed_;  // where these bodies are
+  std::vector<Vec3> x_;         // of the control points (k)
+  Mat3 axes_{};                 // of the soft body, in the world
   uint64_t version_ = 0;
 
   // of these positions
   std::vector<OfPatch> patches_;
   std::vector<double> vertices_;  // patch after patch
   DeformedNodes nodes_;
+  std::vector<FieldPoint> asked_;  // a power of two
 };
 
 }  // namespace mjframes

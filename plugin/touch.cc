@@ -285,20 +285,23 @@ int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
                 TouchScratch* scratch, Touch* out) {
   Meetings* meetings[2];
   SurfaceState* state[2];
+  Meetings::Extent extent[2];
   for (int s = 0; s < 2; s++) {
     meetings[s] = side[s].body->contact().meetings();
     state[s] = side[s].body->contact().state();
     if (!meetings[s]) return 0;
+    const std::lock_guard lock(state[s]->mutex);  // one after the other: most pairs are apart, and this is all of them
+    state[s]->Update(d);
+    extent[s] = meetings[s]->Measured(m);
   }
-  const SurfaceLocks locks(side);
-  for (SurfaceState* one : state) one->Update(d);
-  const double most = meetings[0]->Margin(m) + meetings[1]->Margin(m);
+  const double most = extent[0].margin + extent[1].margin;
   const bool is_wide = margin > most;  // a sensor of distance may ask farther than what collides
   double height[2];                    // what is higher has no share in a contact
   for (int s = 0; s < 2; s++) {
     height[s] = (is_wide ? margin : most) + side[s].body->contact().model().reach;
   }
-  if (meetings[0]->Apart(meetings[1], std::max(height[0], height[1]))) return 0;
+  if (extent[0].Apart(extent[1], std::max(height[0], height[1]))) return 0;
+  const SurfaceLocks locks(side);
   int count[2];
   for (int s = 0; s < 2; s++) {
     const MetPoints found = meetings[s]->FindVertices(side[s].patch, meetings[1 - s], height[s]);

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from threadpoolctl import threadpool_limits
 
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import Notice, telling_memory
@@ -64,6 +65,11 @@ def build(options: BuildOptions) -> SoftBody:
     Notice
         If the build takes more than a minute, and how many frames were taken if nothing says how many.
     """
+    with threadpool_limits(1, "blas"):  # stages that pay spread themselves over the processors
+        return _built(options)
+
+
+def _built(options: BuildOptions) -> SoftBody:
     progress = options.progress or (lambda stage: None)
     volume = _announced(options)
     progress("listing the voxels")
@@ -166,7 +172,7 @@ def _whole_body(
     elif options.is_open:
         chosen, made = sufficient_frames(grid, finite, default_counts(most), placed, condense)
         notice = sufficiency(len(chosen.types) - len(links), made.error)
-        warnings.warn(notice, Notice, stacklevel=5)  # beyond telling_memory and taking
+        warnings.warn(notice, Notice, stacklevel=6)  # beyond build, telling_memory and taking
     else:
         chosen = placed(options.number)
         made = condense(chosen)
@@ -199,7 +205,7 @@ def _warn_of_points(types: Sequence[str]) -> None:
             "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
             "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
             TurnWarning,
-            stacklevel=5,  # beyond telling_memory and taking
+            stacklevel=6,  # beyond build, telling_memory and taking
         )
 
 

@@ -152,11 +152,14 @@ def _solve(
     def improve(batch: LoadBatch, number: int) -> None:
         chosen = _batch(combinations, number, k)
         load(forces, chosen, batch.residual)
+        if x[number].dtype == batch.residual.dtype:
+            batch.solution = x[number]
         conjugate.solve(solver.levels, batch, tolerance)
         if not solver.held:
             solver.remove_rigid(batch.solution)
         work[:, number * k : (number + 1) * k] = moments(forces, batch.solution, k)
-        x[number][:] = batch.solution
+        if batch.solution is not x[number]:
+            x[number][:] = batch.solution
         load(forces, chosen, batch.direction)
         batch.direction -= batch.residual  # A x
 

@@ -93,18 +93,28 @@ def _softness(grid: Grid) -> Array:
 def _fitted(grid: Grid, softness: Array, usual: float, voxels: NDArray[np.integer], missing: float) -> float:
     """ℓ that answers an even push on these voxels as far."""
     some = voxels[:: -(-len(voxels) // MOST)]
-    distance = cdist(grid.centers[some], grid.centers[some])
+    r, share = pairs(grid, some, softness[some] / len(some))
     own = 2 * PRESSURE * len(voxels) / len(some) * grid.cell_volume ** (2 / 3) / 12
-    beta = softness[some] / len(some)
     low, high = SEEN * NARROWEST * usual, SEEN * WIDEST * usual
+    deepest = share @ _spread(r, own)
     for _ in range(HALVINGS):
         width = np.sqrt(low * high)
-        kernel = _spread(distance, own) - 2 * _spread(distance, own + width**2) + _spread(distance, own + 2 * width**2)
-        low, high = (width, high) if beta @ kernel @ beta < missing else (low, width)
+        found = deepest + share @ (_spread(r, own + 2 * width**2) - 2 * _spread(r, own + width**2))
+        low, high = (width, high) if found < missing else (low, width)
     return float(np.sqrt(low * high) / SEEN)
 
 
-def _spread(r: NDArray[np.floating], q: float) -> Array:
+def pairs(grid: Grid, voxels: NDArray[np.integer], beta: Array) -> tuple[Array, Array]:
+    """Return the distances r between voxels, each of them once, and Σ β_i β_j over the pairs that are so far apart."""
+    steps = np.abs(grid.index[voxels, None] - grid.index[voxels])
+    steps = np.ravel_multi_index(tuple(np.moveaxis(steps, 2, 0)), grid.lookup.shape)
+    share = np.asarray(np.bincount(steps.ravel(), np.outer(beta, beta).ravel()), float)
+    used = np.flatnonzero(share)
+    apart = np.stack(np.unravel_index(used, grid.lookup.shape), axis=1)
+    return np.linalg.norm(apart * grid.spacing, axis=1), share[used]
+
+
+def _spread(r: Array, q: float) -> Array:
     """G."""
     x = r / np.sqrt(2 * q)
     return np.where(x > 0, erf(x) / np.where(x > 0, r, 1), np.sqrt(2 / (np.pi * q)))

@@ -131,7 +131,9 @@ def whole_body(
     x = coordinates(plain, corrected, covariance, finite.cases)
     moved = (corrected @ x.reshape(len(control.frame), -1)).reshape(finite.exact.shape)
     below = missing(grid, finite.probes, corrected, covariance)
-    error, where = measured(grid, finite.cases, finite.exact, moved + displaced(lifted, stiffness, region, x))
+    moved += displaced(lifted, stiffness, region, x)
+    error, where = measured(grid, finite.cases, finite.exact, moved)
+    del moved
     some = None
     if laws:
         progress("placing the cells")

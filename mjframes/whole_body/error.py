@@ -126,10 +126,12 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
 
     That is (n,) its rms over the cases, to that of u.
     """
-    difference, size = found - exact, exact.astype(np.float64)
+    difference, size = np.subtract(found, exact, order="C"), exact.astype(np.float64, order="C")
     if not cases.weights:
         motion = motion_basis(grid.centers)
-        difference, size = (_without(motion, field) for field in (difference, size))
+        for field in (difference, size):
+            flat = field.reshape(len(motion), -1)
+            flat -= motion @ (motion.T @ flat)
     norm = np.linalg.norm(size, axis=(0, 1))
     norm = np.where(norm > 0, norm, np.inf)  # a single voxel does not move
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
@@ -141,8 +143,3 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
         weight = float(np.sqrt(np.max(np.linalg.eigvals(np.linalg.solve(whole, square)).real)))
     where = np.sqrt(np.mean((difference**2).sum(axis=1) / norm**2, axis=1) * len(difference))
     return BodyError(weight, float(max(apart[cases.weights :]))), where
-
-
-def _without(motion: Array, field: Array) -> Array:
-    flat = field.reshape(len(motion), -1)
-    return (flat - motion @ (motion.T @ flat)).reshape(field.shape)

@@ -12,6 +12,7 @@ import pytest
 from builders.leaves import leaves
 from builders.scenes import beam, lump
 from builders.shapes import BONE, SOFT, mixed
+from threadpoolctl import threadpool_info
 
 import mjframes as mf
 from mjframes.base.errors import MjframesError
@@ -19,6 +20,17 @@ from mjframes.body.build import TurnWarning, build
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Attached, Fixed
 from mjframes.volume.volume import Volume
+
+
+def test_blas_has_one_thread_in_a_build() -> None:
+    """Threads of its own wait for each other where others need the processors, and change the last digits."""
+    seen: set[int] = set()
+
+    def look(_: str) -> None:
+        seen.update(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+
+    build(mixed(), 2, progress=look)
+    assert seen == {1}
 
 
 def test_stages_are_reported_in_order() -> None:

@@ -20,7 +20,7 @@ from mjframes.scene.contact import Contact
 from mjframes.scene.load import mujoco_warnings
 from mjframes.scene.scaling import scale
 from mjframes.scene.view import soft, soft_names
-from mjframes.surface.dents import dents
+from mjframes.surface.dents import dents, pairs
 from mjframes.volume.grid import voxel_grid
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -106,6 +106,17 @@ def test_the_softness_of_a_dent_is_that_of_the_half_space_of_the_material_there(
     np.testing.assert_allclose(found.width, 0.29 * 0.04, rtol=1e-12)
     np.testing.assert_allclose(found.thickness, 0.04, atol=0.01)
     np.testing.assert_array_equal(found.material, [0, 1])
+
+
+def test_pairs_of_voxels_are_summed_by_how_far_apart_they_are() -> None:
+    spacing = np.array([0.01, 0.02, 0.03])
+    grid = voxel_grid(Volume.from_labels(np.ones((3, 4, 2), int), spacing, {1: Material(YOUNG, 0.3, 1000)}))
+    voxels = np.arange(0, len(grid.index), 2)
+    beta = np.random.default_rng(0).random(len(voxels))
+    r, share = pairs(grid, voxels, beta)
+    far = np.linalg.norm(grid.centers[voxels, None] - grid.centers[voxels], axis=2)
+    assert len(r) < len(voxels) ** 2 / 4
+    assert share @ np.exp(-r / 0.01) == pytest.approx(beta @ np.exp(-far / 0.01) @ beta, rel=1e-12)
 
 
 def test_a_factor_of_the_stiffness_is_as_good_as_a_stiffer_material() -> None:

@@ -9,7 +9,7 @@ from builders.scenes import FLOOR, compiled, lump
 
 from mjframes.scene.attach import attach
 from mjframes.scene.scene_file import standalone_scene
-from mjframes.scene.solver import FEW, MANY, MANY_MOVING, advice, choose_solver
+from mjframes.scene.solver import FEW, MANY, MANY_MOVING, STARTS, advice, choose_solver
 
 
 def chain(count: int) -> mujoco.MjSpec:
@@ -95,6 +95,14 @@ def test_trees_of_boxes_are_for_flexes() -> None:
     model = spec.compile()
     assert model.opt.disableflags == 0
     assert advice(model) == ""
+
+
+@pytest.mark.parametrize("flex", [False, True])
+def test_a_cloth_is_looked_at_from_few_places(flex: bool) -> None:
+    spec = mujoco.MjSpec.from_string(CLOTH) if flex else mujoco.MjSpec()
+    attach(spec, lump(), "lump")
+    choose_solver(spec)
+    assert spec.option.sdf_initpoints == (STARTS if flex else mujoco.MjSpec().option.sdf_initpoints)
 
 
 def test_contacts_are_the_same_without_trees() -> None:
