@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
 from builders.punch import on_squares, pressed_slab
+from builders.tiers import thinned
 from numpy.typing import NDArray
 
 import mjframes as mf
 from mjframes.base.errors import MjframesError
 from mjframes.scene import taxels
+from mjframes.scene.load import mujoco_warnings
 
 YOUNG, POISSON, SPACING = 1e5, 0.45, 0.005
 WIDTH, THICK = 0.1, 0.02  # [m] of a pad, glued at its base
@@ -111,11 +114,11 @@ def exact() -> dict[str, tuple[float, float, NDArray[np.float64]]]:
     return found
 
 
-@pytest.mark.parametrize("dents", [False, True])
-@pytest.mark.parametrize("frames", [1, 5, 10])
-@pytest.mark.parametrize("shape", ["box", "ball"])
+@pytest.mark.parametrize(
+    ("frames", "dents", "shape"), thinned(itertools.product((5, 1, 10), (True, False), ("box", "ball")), 5)
+)
 def test_pressures_are_those_of_finite_elements(
-    shape: str, frames: int, dents: bool, exact: dict[str, tuple[float, float, NDArray[np.float64]]]
+    frames: int, dents: bool, shape: str, exact: dict[str, tuple[float, float, NDArray[np.float64]]]
 ) -> None:
     taxel, force, expected = exact[shape]
     _, data = pressed(shape, force, dents, grid(taxel), frames)
@@ -139,6 +142,12 @@ def test_the_forces_of_a_soft_body_on_a_soft_body_sum_to_its_contacts() -> None:
     assert total[2] == pytest.approx(-9.81 * model.body("block").subtreemass[0], rel=0.02)
     np.testing.assert_allclose(read(data, "taxel_force").sum(axis=0), total, atol=1e-10)
     np.testing.assert_allclose(read(data, "pressure_centre")[0], TOP, atol=0.003)
+
+
+@pytest.mark.parametrize("dents", [False, True])
+def test_the_centre_of_pressure_is_where_a_ball_presses(dents: bool) -> None:
+    _, data = pressed("ball", 4.0, dents, grid(), at=(0.065, 0.04))
+    np.testing.assert_allclose(read(data, "pressure_centre")[0, :2], (0.065, 0.04), atol=5e-4)
 
 
 def test_something_that_turns_twists_the_shear() -> None:
@@ -303,3 +312,19 @@ def test_copies_and_saved_scenes_feel_the_same(tmp_path) -> None:
     mujoco.mj_forward(model, data)
     mujoco.mj_forward(other, again)
     np.testing.assert_array_equal(again.sensordata, data.sensordata)
+
+
+def test_too_little_memory_is_told_and_the_sum_stays() -> None:
+    spec = feeling(pad(), grid(), mf.Contact())
+    spec.memory = 120_000
+    body = spec.worldbody.add_body(name="object", pos=(*TOP[:2], THICK + 0.0299))
+    body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, -1))
+    body.add_geom(mass=0.1, **SHAPES["box"])
+    data = mujoco.MjData(spec.compile())
+    with mujoco_warnings() as told:
+        for _ in range(3):
+            mujoco.mj_forward(data.model, data)
+    assert [words for words in told if "too small for taxels" in words]
+    total = data.sensor("pad_contact_force").data
+    assert abs(total[2]) > 0
+    np.testing.assert_allclose(read(data, "resultant")[0], total, atol=1e-10)
