@@ -342,7 +342,7 @@ def felt_block() -> mujoco.MjModel:
     """A ball on a glued block with 4 × 8 taxels, which feel pressure, shear and its centre."""
     volume = Volume.box((0.04, 0.04, 0.02), Material(1e5, 0.4, 1000), spacing=0.005)
     body = build(volume, 2, supports=Fixed(volume.side("-z")), damping=(0, 0.01))
-    ball = '<body pos="0 .01 .0205"><joint type="slide" axis="0 0 1"/><geom size=".01" mass=".05"/></body>'
+    ball = '<body pos=".004 .01 .0205"><joint type="slide" axis="0 0 1"/><geom size=".01" mass=".05"/></body>'
     spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
     attach(spec, body, "block")
     grid = TaxelGrid((0, 0, 0.01), (0, 0, 1), (0.016, 0.032), (4, 8), along=(1, 0, 0))
