@@ -44,9 +44,9 @@ def grid(taxel: float = 0.005, shape: tuple[int, int] = (16, 16), center: tuple[
 
 
 def feeling(body: mf.SoftBody, own: mf.TaxelGrid, contact: mf.Contact, gravity: bool = False) -> mujoco.MjSpec:
-    """A pad with every quantity of the taxels."""
+    """A pad with every quantity of the taxels; elliptic cones where contacts make dents, else pyramidal ones."""
     spec = mujoco.MjSpec()
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if contact.dents else mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.option.gravity = (0, 0, -9.81 if gravity else 0)
     mf.attach(spec, body, "pad", contact=contact)
     for quantity in taxels.QUANTITIES:
