@@ -176,6 +176,9 @@ inline constexpr double kDifference = 1e-5;  // [-] of a region's size that poin
 // [-] of the flesh's thickness: how far around contacts the surface is fitted without its dent, as a Gaussian's width.
 // With 1 its tilt is that of the dent; a pad's pressures are off by 3 % more.
 inline constexpr double kFitWidth = 2;
+// [-] of the flesh's stiffness against tilting, by which what turns freely is held to its moment: it misses a
+// thirtieth.
+inline constexpr double kTurn = 30;
 inline constexpr double kFacing = 0.2;    // [-] cosine: what faces farther away than 78° does not touch the same thing
 inline constexpr double kFlatFit = 1e-6;  // [-] of squared lengths: places on a line have no plane
 inline constexpr int kPressSteps = 60;    // 10 to 25 are usual

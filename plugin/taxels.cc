@@ -16,11 +16,13 @@ namespace mjframes {
 
 // What one object does to the soft body.
 struct Taxels::Load {
-  int first;               // of its contacts
-  int geom, other;         // its geom, and its geom's patch's instance if it is a soft body, else −1
-  double normal = 0;       // N [N]
-  Vec3 force{}, centre{};  // F [N]; the mean of its contacts, by their forces [m]
-  Vec3 torque{};           // about that [N m]
+  int first;                    // of its contacts
+  int geom, other;              // its geom, and its geom's patch's instance if it is a soft body, else −1
+  double normal = 0;            // N [N]
+  Vec3 force{}, centre{};       // F [N]; the mean of its contacts, by their forces [m]
+  const Vec3* pivot = nullptr;  // about which one of the two turns freely, null if neither does [m]
+  Vec3 moment{};                // Σ N_c (x_c − pivot) × n_c, of the normal forces [N m]
+  Vec3 torque{};                // about that [N m]
 };
 
 // x̂ = place + t1 (e1 · q) + t2 (e2 · q) + n (e3 · q), q = p̄ − rest.
@@ -61,6 +63,16 @@ int SideOf(const mjModel* m, const mjContact& contact, int instance) {
 std::array<int, 2> OtherOf(const mjModel* m, const mjContact& contact, int sign) {
   const int geom = contact.geom[sign > 0 ? 0 : 1];
   return {geom, geom < 0 ? -1 : SoftInstanceOf(m, geom)};
+}
+
+// The centre of mass of what turns freely with a body: null where nothing of it has a free or a ball joint.
+const mjtNum* FreeCentre(const mjModel* m, const mjData* d, int body) {
+  for (; body > 0; body = m->body_parentid[body]) {
+    for (int j = m->body_jntadr[body], end = j + m->body_jntnum[body]; j < end; j++) {
+      if (m->jnt_type[j] == mjJNT_FREE || m->jnt_type[j] == mjJNT_BALL) return d->subtree_com + 3 * body;
+    }
+  }
+  return nullptr;
 }
 
 bool IsSameObject(const std::array<int, 2>& a, const std::array<int, 2>& b) {
@@ -116,6 +128,7 @@ void Taxels::Read(Reader* soft, Reader* reader) {
   near_.reserve(all);
   fitted_.resize(3 * all);
   gap_.resize(all);
+  lever_.resize(all);
   f_.resize(all);
 }
 
@@ -157,6 +170,15 @@ void Taxels::Compute(const mjModel* m, mjData* d, const SoftBody& body) {
     if (sign == 0) continue;
     const std::array<int, 2> object = OtherOf(m, d->contact[c], sign);
     Load load = {c, object[0], object[1]};
+    Vec3 pivot;
+    if (object[0] >= 0 && object[1] < 0) {
+      const mjtNum* centre = FreeCentre(m, d, m->geom_bodyid[object[0]]);
+      if (!centre && !body.kinematics().held()) centre = d->subtree_com + 3 * body.kinematics().holder();
+      if (centre) {
+        pivot = ToVec3(centre);
+        load.pivot = &pivot;
+      }
+    }
     bool is_new = true;
     for (int pass = 0; pass < 2; pass++) {
       for (int e = pass == 0 ? 0 : c; e < d->ncon && is_new; e++) {
@@ -175,6 +197,8 @@ void Taxels::Compute(const mjModel* m, mjData* d, const SoftBody& body) {
           load.centre = load.centre + wrench[0] * place;
         } else {
           load.torque = load.torque + side * MulT(frame, ToVec3(wrench + 3)) + Cross(place - load.centre, force);
+          if (load.pivot)
+            load.moment = load.moment + side * wrench[0] * Cross(place - pivot, ToVec3(d->contact[e].frame));
         }
       }
       if (pass == 0 && load.normal > 0) load.centre = (1 / load.normal) * load.centre;
@@ -195,7 +219,7 @@ void Taxels::Spread(const mjModel* m, mjData* d, const SoftBody& body, const Loa
             [this](int32_t a, int32_t b) { return gap_[a] < gap_[b] || (gap_[a] == gap_[b] && a < b); });
   const std::vector<double>& factors = body.scaling().stiffness;
   const double factor = factors[std::min<size_t>(factor_, factors.size() - 1)];
-  Share(load, fit, Bear(d, load.normal, softness_ / factor));
+  Share(load, fit, Bear(d, load, softness_ / factor));
 }
 
 // Finds the places that face the same way as the one nearest to the contacts, and x̂ of them. False where no taxel does.
@@ -260,7 +284,10 @@ void Taxels::FindGaps(const mjModel* m, const mjData* d, const SoftBody& body, c
     const GeomQuery query(m, d, body.contact().meshes(), load.geom, kFitWidth * thickness_);
     if (query.valid) {
       query.Distances(fitted_.data(), count, 0, count, f_.data());
-      for (int i = 0; i < count; i++) gap_[near_[i]] = f_[i];
+      for (int i = 0; i < count; i++) {
+        gap_[near_[i]] = f_[i];
+        if (load.pivot) lever_[near_[i]] = Cross(place(i) - *load.pivot, query.Normal(place(i)));
+      }
       return;
     }
   }
@@ -296,9 +323,10 @@ int Taxels::Likely(double load, double softness) const {
 }
 
 // Fills in f of the nearest places, as many as may bear something; returns how many.
-int Taxels::Bear(mjData* d, double load, double softness) {
+int Taxels::Bear(mjData* d, const Load& load, double softness) {
   const int count = static_cast<int>(near_.size());
-  int k = Likely(load, softness);
+  int k = Likely(load.normal, softness);
+  const double turn = load.pivot ? kTurn * softness / std::pow(k * mean_area_ / mjPI, 1.5) : 0;
   while (true) {
     const size_t numbers = static_cast<size_t>(k) * k + 5 * static_cast<size_t>(k);
     if (!HasRoom(d, numbers)) break;
@@ -306,13 +334,20 @@ int Taxels::Bear(mjData* d, double load, double softness) {
     double* C = mj_stackAllocNum(d, static_cast<size_t>(k) * k);
     double *gap = mj_stackAllocNum(d, k), *work = mj_stackAllocNum(d, 4 * static_cast<size_t>(k));
     for (int i = 0; i < k; i++) {
-      gap[i] = gap_[near_[i]];
-      for (int j = 0; j <= i; j++) C[i * k + j] = C[j * k + i] = softness * Response(near_[i], near_[j]);
+      const int t = near_[i];
+      gap[i] = gap_[t] - (turn > 0 ? turn * Dot(lever_[t], load.moment) : 0);
+      for (int j = 0; j <= i; j++) {
+        const int s = near_[j];
+        C[i * k + j] = C[j * k + i] = softness * Response(t, s) + (turn > 0 ? turn * Dot(lever_[t], lever_[s]) : 0);
+      }
     }
-    const double approach = Press(C, gap, k, load, f_.data(), work);
+    const double approach = Press(C, gap, k, load.normal, f_.data(), work);
     FreeStack(d);
+    Vec3 amiss = -1 * load.moment;
+    for (int i = 0; turn > 0 && i < k; i++) amiss = amiss + f_[i] * lever_[near_[i]];
     int more = k;
-    while (more < count && gap_[near_[more]] < approach) more++;
+    while (more < count && gap_[near_[more]] + (turn > 0 ? turn * Dot(lever_[near_[more]], amiss) : 0) < approach)
+      more++;
     if (more == k) return k;
     k = more;
   }
@@ -320,7 +355,7 @@ int Taxels::Bear(mjData* d, double load, double softness) {
     mju_warning("mjframes: the memory of mjData is too small for taxels of which %d bear: give <size memory> more.", k);
     told_memory_ = true;
   }
-  std::fill_n(f_.begin(), k, load / k);
+  std::fill_n(f_.begin(), k, load.normal / k);
   return k;
 }
 

@@ -7,7 +7,9 @@
 //
 // K is the response of an elastic layer, as thick as the flesh, that is glued below. x̂ is the affine map of the rest
 // places p̄ that fits where they are now, over some thicknesses around the contacts: what the frames show of the dent
-// itself is the part of C f that they can make, and would count twice. The force on a place is
+// itself is the part of C f that they can make, and would count twice. Where the object or the soft body turns freely,
+// the contacts' normal forces have the moment M that keeps it from turning, and ½ c |Σ f ℓ − M|² is added, with a large
+// c and ℓ = (x̂ − pivot) × n: it tilts until the moment is that. The force on a place is
 //
 //   −f n + (f / N) (F + Σ f n) + τ f m × (x − x̂_f)
 //
@@ -55,7 +57,7 @@ class Taxels {
   void FindGaps(const mjModel* m, const mjData* d, const SoftBody& body, const Load& load);
   double Response(int t, int s) const;
   int Likely(double load, double softness) const;
-  int Bear(mjData* d, double load, double softness);
+  int Bear(mjData* d, const Load& load, double softness);
   void Share(const Load& load, const Fit& fit, int bearing);
 
   // of each taxel
@@ -87,6 +89,7 @@ class Taxels {
   std::vector<int32_t> near_;   // places that face it, nearest first
   std::vector<double> fitted_;  // x̂ of these, by component
   std::vector<double> gap_;     // g of each place
+  std::vector<Vec3> lever_;     // (x̂ − pivot) × n of each place, where something turns freely [m]
   std::vector<double> f_;       // of those that may bear
 };
 

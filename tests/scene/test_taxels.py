@@ -329,3 +329,34 @@ def test_too_little_memory_is_told_and_the_sum_stays() -> None:
     total = data.sensor("pad_contact_force").data
     assert abs(total[2]) > 0
     np.testing.assert_allclose(read(data, "resultant")[0], total, atol=1e-10)
+
+
+@pytest.mark.parametrize(("dents", "offset"), itertools.product((False, True), (0.0, 0.005)))
+def test_what_lies_freely_presses_below_its_centre_of_mass(dents: bool, offset: float) -> None:
+    spec = feeling(pad(), grid(), mf.Contact(dents=dents), gravity=True)
+    body = spec.worldbody.add_body(name="object", pos=(*TOP[:2], THICK + 0.02), explicitinertial=True)
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.02, 0.02, 0.02))
+    body.mass, body.ipos, body.inertia = 0.2, (offset, 0, 0), [4e-5] * 3
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=1500)
+    mujoco.mj_forward(model, data)
+    assert read(data, "resultant")[0, 2] == pytest.approx(-0.2 * 9.81, rel=0.01)
+    away = read(data, "pressure_centre")[0] - data.body("object").xipos
+    assert np.linalg.norm(away[:2]) < 0.02 * 0.04
+
+
+def test_a_light_block_that_lies_flat_presses_evenly() -> None:
+    """But for its edge."""
+    volume = mf.Volume.box((0.04, 0.04, 0.02), mf.Material(YOUNG, 0.4, 1000), spacing=0.005)
+    body = mf.build(volume, 3, damping=(2, 0.01))
+    spec = mujoco.MjSpec.from_string("<mujoco><worldbody><geom type='plane' size='1 1 .1'/></worldbody></mujoco>")
+    mf.attach(spec, body, "pad", pos=(0, 0, 0.0105))
+    mf.add_taxels(spec, body, "pad", mf.TaxelGrid((0, 0, 0), (0, 0, -1), (0.04 - 1e-6, 0.04 - 1e-6), (8, 8)))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=1500)
+    pressure = read(data, "pressure").reshape(8, 8)
+    assert 0.005**2 * pressure.sum() == pytest.approx(9.81 * model.body("pad").subtreemass[0], rel=1e-3)
+    assert np.ptp(pressure[1:-1, 1:-1]) < 0.15 * pressure.mean()
