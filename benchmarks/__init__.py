@@ -6,6 +6,7 @@ python -m benchmarks.accuracy.report        make report        error against fin
 python -m benchmarks.accuracy.factors                          bodies whose stiffness is scaled
 python -m benchmarks.speed.bench            make bench         precomputation and steps
 python -m benchmarks.speed.worlds           make bench-worlds  many worlds side by side
+python -m benchmarks.speed.taxels                              what taxels cost in a step
 python -m benchmarks.speed.tasks                               random episodes of the tasks of `mjframes.dm`
 python -m benchmarks.speed.lift_flex                           lifting a steak, beside flex
 python -m benchmarks.stability.check        make check         extreme states

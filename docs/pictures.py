@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import mjframes as mf
-from examples import elbow, fingertips, flight, grasp, hertz, identify, kernels, knee, lift, modes, steak
+from examples import elbow, fingertips, flight, grasp, hertz, identify, kernels, knee, lift, modes, steak, taxels
 from mjframes.dm import lifting
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +28,7 @@ def draw(folder: Path) -> None:
         return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold, arm_lifts):
+    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold, pen_rolls, arm_lifts):
         film(folder)
     for figure in (modes, kernels, hertz, identify, flight):
         figure.run(folder)
@@ -122,6 +122,13 @@ def fingertips_hold(folder: Path) -> None:
     model, peach = fingertips.hand_and_peach()
     with filmed(model, folder / "fingertips.mp4", "front") as add:
         fingertips.grip(model, peach, grasp.every(1 / FPS, add))
+
+
+def pen_rolls(folder: Path) -> None:
+    model = taxels.finger_and_pen()
+    with filmed(model, folder / "taxels.mp4", "side") as add:
+        felt = taxels.roll(model, grasp.every(1 / FPS, add))
+    taxels.plot(felt, folder / "taxels.png")
 
 
 def arm_lifts(folder: Path) -> None:

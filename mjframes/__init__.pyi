@@ -26,6 +26,7 @@ from .scene.near import near as near
 from .scene.placing import place as place
 from .scene.scaling import scale as scale
 from .scene.sensors import add_sensor as add_sensor
+from .scene.taxels import TaxelGrid as TaxelGrid, add_taxels as add_taxels
 from .scene.solver import choose_solver as choose_solver
 from .scene.view import Soft as Soft, soft as soft
 from .volume.images import ImageWarning as ImageWarning

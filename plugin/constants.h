@@ -176,6 +176,19 @@ inline constexpr int kCapsulePoints = 17;  // at most, along the axis
 
 inline constexpr double kDifference = 1e-5;  // [-] of a region's size that points move in a difference: nine digits
 
+// Taxels (taxels.h, pressing.h)
+
+// [-] of the flesh's thickness: how far around contacts the surface is fitted without its dent, as a Gaussian's width.
+// With 1 its tilt is that of the dent; a pad's pressures are off by 3 % more.
+inline constexpr double kFitWidth = 2;
+// [-] of the flesh's stiffness against tilting, by which what turns freely is held to its moment: it misses a
+// thirtieth.
+inline constexpr double kTurn = 30;
+inline constexpr double kFacing = 0.2;    // [-] cosine: what faces farther away than 78° does not touch the same thing
+inline constexpr double kFlatFit = 1e-6;  // [-] of squared lengths: places on a line have no plane
+inline constexpr int kPressSteps = 60;    // 10 to 25 are usual
+inline constexpr double kPressed = 1e-4;  // [-] of the load: what moves in the last step
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_CONSTANTS_H_

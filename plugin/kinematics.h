@@ -123,6 +123,9 @@ class Kinematics {
   // Whether some of the soft body is fixed to this body of the scene.
   bool IsHeldBy(int body) const { return std::find(held_by_.begin(), held_by_.end(), body) != held_by_.end(); }
 
+  // Whether some of it is fixed to any body of the scene.
+  bool held() const { return !held_by_.empty(); }
+
   // The soft body's axes in the world, a world position and a world direction in them.
   Mat3 Axes(const mjData* d) const;
   Vec3 PositionToLocal(const mjData* d, const Vec3& position) const;

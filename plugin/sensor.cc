@@ -14,6 +14,7 @@ namespace {
 
 constexpr const char* kAttributes[] = {
     "quantity",
+    "shape",         // of taxels and markers: rows and columns, not read here
     "region",        // of each point                                (n)
     "gradient",      // ∇W_j, region's control points, point by point [1/m]
     "factor",        // which one its material follows; left out for one alone (n)
@@ -25,6 +26,17 @@ constexpr const char* kAttributes[] = {
     "weight",        // W_j                                                                   (Σ)
     "offset",        // left out where it is zero [m]                                     (n × 3)
     "rise",          // left out where it is zero; 3 × 3m of each point [-]
+    "axes",          // of markers: those in which they move, row by row, in the volume's  (3 × 3)
+    "place",         // p̄ of markers; of taxels and contact vertices outside of them [m]   (n × 3)
+    "normal",        // of the surface there, at rest                                      (n × 3)
+    "along",         // of each taxel: an axis of its shear                                (n × 3)
+    "area",          // of each taxel [m²]
+    "widened",       // of each place: see taxels.h [m²]
+    "vertex",        // of each place behind the taxels: number among the contact vertices
+    "kernel",        // K at equal steps [1/m]
+    "kernel_step",   // [m]
+    "softness",      // β² [1/Pa]
+    "thickness",     // of the flesh [m]
 };
 
 enum Quantity {
@@ -36,26 +48,41 @@ enum Quantity {
   kDeformationGradient,
   kPosition,
   kVelocity,
+  kMarkers,
   kContactForce,
+  kTaxelPressure,
+  kTaxelTraction,
+  kTaxelForce,
+  kResultant,
+  kPressureCentre,
   kQuantities
 };
 
+// What a quantity is of.
+enum Subject { kBody, kPoints, kPlaces, kTaxels, kMap };
+
 struct Kind {
   const char* name;
-  int size;       // values of one point, or of the body
-  bool of_point;  // or of the whole body
+  int size;  // values of one point or taxel, or of all
+  Subject of;
 };
 
 constexpr Kind kKinds[kQuantities] = {
-    {"elastic_energy", 1, false},  // [J]
-    {"kinetic_energy", 1, false},  // [J]
-    {"energy_density", 1, true},   // [J/m³]
-    {"stress", 6, true},           // Cauchy's, in the world's axes: xx, yy, zz, yz, xz, xy [Pa]
-    {"strain", 6, true},           // Green's, in the volume's axes, in the same order
-    {"deformation_gradient", 9, true},
-    {"position", 3, true},        // in the world [m]
-    {"velocity", 3, true},        // in the world [m/s]
-    {"contact_force", 3, false},  // in the world [N]
+    {"elastic_energy", 1, kBody},    // [J]
+    {"kinetic_energy", 1, kBody},    // [J]
+    {"energy_density", 1, kPoints},  // [J/m³]
+    {"stress", 6, kPoints},          // Cauchy's, in the world's axes: xx, yy, zz, yz, xz, xy [Pa]
+    {"strain", 6, kPoints},          // Green's, in the volume's axes, in the same order
+    {"deformation_gradient", 9, kPoints},
+    {"position", 3, kPlaces},      // in the world [m]
+    {"velocity", 3, kPlaces},      // in the world [m/s]
+    {"markers", 3, kPlaces},       // how far they have moved, in the axes of the map [m]
+    {"contact_force", 3, kBody},   // in the world [N]
+    {"pressure", 1, kTaxels},      // [Pa]
+    {"traction", 3, kTaxels},      // pressure, shear along two axes of the surface [Pa]
+    {"taxel_force", 3, kTaxels},   // in the world [N]
+    {"resultant", 3, kMap},        // in the world [N]
+    {"pressure_centre", 3, kMap},  // in the world [m]
 };
 
 int QuantityOf(const char* name) {
@@ -65,8 +92,8 @@ int QuantityOf(const char* name) {
   return -1;
 }
 
-// Positions and velocities rather than their slopes.
-bool IsPlace(int quantity) { return quantity == kPosition || quantity == kVelocity; }
+// Whether the constraint solver has to be done before.
+bool NeedsForces(int quantity) { return quantity >= kContactForce; }
 
 // Whether a contact's geom, −1 for a flex, is a patch of the soft body of this instance.
 bool IsPatch(const mjModel* m, int instance, int geom) {
@@ -109,32 +136,31 @@ int Sensor::Size(const mjModel* m, int instance) {
   Reader reader(m, instance);
   const int quantity = QuantityOf(reader.Text("quantity"));
   if (quantity < 0) return 0;
-  if (!kKinds[quantity].of_point) return kKinds[quantity].size;
-  const size_t points = reader.Array<int32_t>("region").size();
+  const Subject of = kKinds[quantity].of;
+  if (of == kBody || of == kMap) return kKinds[quantity].size;
+  const size_t points = of == kTaxels ? reader.Array<double>("area").size() : reader.Array<int32_t>("region").size();
   return reader.ok() ? static_cast<int>(points) * kKinds[quantity].size : 0;
 }
 
 std::unique_ptr<Sensor> Sensor::Create(const mjModel* m, int instance) {
   Reader reader(m, instance);
   std::unique_ptr<Sensor> sensor(new Sensor());
+  sensor->instance_ = instance;
   sensor->quantity_ = QuantityOf(reader.Text("quantity"));
   reader.Check(sensor->quantity_ >= 0,
                "quantity has to be 'elastic_energy', 'kinetic_energy', 'energy_density', 'stress', 'strain', "
-               "'deformation_gradient', 'position', 'velocity' or 'contact_force'");
+               "'deformation_gradient', 'position', 'velocity', 'markers', 'contact_force', 'pressure', 'traction', "
+               "'taxel_force', 'resultant' or 'pressure_centre'");
   const int id = SensorOf(m, instance);
   if (reader.Check(id >= 0, "its instance has to belong to one sensor")) {
     sensor->address_ = m->sensor_adr[id];
     sensor->soft_ = m->sensor_objtype[id] == mjOBJ_BODY ? SoftBodyHeldBy(m, m->sensor_objid[id]) : -1;
     reader.Check(sensor->soft_ >= 0, "objtype has to be 'body' and objname that of a soft body");
-    reader.Check((sensor->quantity_ == kContactForce) == (m->sensor_needstage[id] == mjSTAGE_ACC),
-                 "contact_force is a quantity of the plugin mjframes.force_sensor, the others are of mjframes.sensor");
+    reader.Check(NeedsForces(sensor->quantity_) == (m->sensor_needstage[id] == mjSTAGE_ACC),
+                 "contact_force and the quantities of taxels are of the plugin mjframes.force_sensor, the others are "
+                 "of mjframes.sensor");
   }
-  if (reader.ok() && IsPlace(sensor->quantity_)) {
-    Reader soft(m, sensor->soft_);
-    sensor->places_.Read(&soft, &reader);
-  } else if (reader.ok() && kKinds[sensor->quantity_].of_point) {
-    sensor->ReadSamples(m, &reader);
-  }
+  if (reader.ok()) sensor->Read(m, &reader);
   if (reader.ok() && m->sensor_dim[id] != Size(m, instance)) reader.Fail("its number of values is another one");
   if (!reader.ok()) {
     const char* name = id >= 0 ? m->names + m->name_sensoradr[id] : m->names + m->name_pluginadr[instance];
@@ -142,6 +168,24 @@ std::unique_ptr<Sensor> Sensor::Create(const mjModel* m, int instance) {
     return nullptr;
   }
   return sensor;
+}
+
+void Sensor::Read(const mjModel* m, Reader* reader) {
+  Reader soft(m, soft_);
+  const Subject of = kKinds[quantity_].of;
+  if (of == kPoints) ReadSamples(m, reader);
+  if (of == kPlaces) places_.Read(&soft, reader);
+  if (of == kTaxels || of == kMap) {
+    taxels_ = std::make_unique<Taxels>();
+    taxels_->Read(&soft, reader);
+  }
+  if (quantity_ != kMarkers) return;
+  marker_rest_ = reader->Array<double>("place");
+  const auto axes = reader->Array<double>("axes");
+  const bool fits = axes.size() == 9 && static_cast<int>(marker_rest_.size()) == Size(m, instance_);
+  if (reader->Check(fits, "its markers are not those of the soft body: write the sensor again")) {
+    std::copy_n(axes.begin(), 9, marker_axes_.begin());
+  }
 }
 
 void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
@@ -240,7 +284,9 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
   }
   SoftBody* body = GetSoftBody(d, soft_);
   body->Locate(m, d);
+  if (taxels_) return StoreTaxels(m, d, *body, out);
   if (quantity_ == kPosition) places_.StorePositions(body, d, out);
+  if (quantity_ == kMarkers) StoreMarkers(body, d, out);
   if (quantity_ == kVelocity) places_.StoreVelocities(body, m, d, out);
   if (quantity_ == kElasticEnergy) *out = body->ElasticEnergy();
   if (quantity_ == kKineticEnergy) *out = body->KineticEnergy(m, d);
@@ -263,6 +309,25 @@ void Sensor::Compute(const mjModel* m, mjData* d) {
       const Mat3 F = Mul(axes, state.F);
       std::copy(F.begin(), F.end(), out);
     }
+  }
+}
+
+void Sensor::StoreTaxels(const mjModel* m, mjData* d, const SoftBody& body, mjtNum* out) {
+  taxels_->Compute(m, d, body);
+  if (quantity_ == kTaxelPressure) taxels_->StorePressures(out);
+  if (quantity_ == kTaxelTraction) taxels_->StoreTractions(out);
+  if (quantity_ == kTaxelForce) taxels_->StoreForces(out);
+  if (quantity_ == kResultant) taxels_->StoreResultant(out);
+  if (quantity_ == kPressureCentre) taxels_->StoreCentre(out);
+}
+
+// How far the markers are from their places at rest, as seen from what the soft body hangs on.
+void Sensor::StoreMarkers(SoftBody* body, const mjData* d, mjtNum* out) const {
+  places_.StorePositions(body, d, out);
+  for (size_t n = 0; n < marker_rest_.size(); n += 3) {
+    const Vec3 now = body->kinematics().PositionToLocal(d, ToVec3(out + n));
+    const Vec3 moved = Mul(marker_axes_, now - ToVec3(marker_rest_.data() + n));
+    std::copy(moved.begin(), moved.end(), out + n);
   }
 }
 

@@ -1,5 +1,5 @@
 // mjframes.sensor: energies of a soft body, and stress, strain, positions and velocities at points of its material, as
-// MuJoCo sensors; mjframes.force_sensor: the contact force on it.
+// MuJoCo sensors; mjframes.force_sensor: the contact force on it, and how that is spread over taxels (taxels.h).
 //
 //   F = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R L y
 //   ε = sym(Σ_j y_j ∇W_jᵀ + L y), y_j = Rᵀ x_j − x̄_j        corotational, R of the point's region
@@ -7,7 +7,7 @@
 //
 // The sensor's object is the body that the soft body hangs on. F maps volume coordinates to the world, σ is in the
 // world's axes. Each sensor has an instance of its own. Computed in the velocity stage, from positions and velocities
-// alone; the contact force in the acceleration stage, after the constraint solver. Positions: see places.h.
+// alone; contact forces in the acceleration stage, after the constraint solver. Positions: see places.h.
 // Index letters: n material point; j control point.
 
 #ifndef MJFRAMES_PLUGIN_SENSOR_H_
@@ -24,6 +24,7 @@
 #include "places.h"
 #include "quadrature.h"
 #include "soft_body.h"
+#include "taxels.h"
 
 namespace mjframes {
 
@@ -54,16 +55,23 @@ class Sensor {
  private:
   Sensor() = default;
 
+  void Read(const mjModel* m, Reader* reader);
   void ReadSamples(const mjModel* m, Reader* reader);
   PointState StateOf(const SoftBody& body, const std::vector<Mat3>& rotation, size_t n);
+  void StoreTaxels(const mjModel* m, mjData* d, const SoftBody& body, mjtNum* out);
+  void StoreMarkers(SoftBody* body, const mjData* d, mjtNum* out) const;
 
+  int instance_ = -1;                         // of the plugin
   int quantity_ = 0;                          // place in the table of quantities
   int soft_ = -1;                             // the soft body's plugin instance
   int address_ = 0;                           // in sensordata
   std::vector<Sample> samples_;               // none for quantities of the whole body, positions and velocities
   std::vector<QuadratureRegion> quadrature_;  // one a sample, of another law than the corotational one
   std::unique_ptr<QuadratureScratch> scratch_;
-  Places places_;  // of positions and velocities
+  Places places_;                    // of positions, velocities and markers
+  std::vector<double> marker_rest_;  // p̄ [m]                            (n × 3)
+  Mat3 marker_axes_{};               // to the axes of the map
+  std::unique_ptr<Taxels> taxels_;   // of their quantities
 };
 
 void RegisterSensor();

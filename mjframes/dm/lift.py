@@ -32,11 +32,16 @@ from mjframes.dm.registry import FEATURES, TASKS, VISION
 from mjframes.dm.soft_entity import SoftEntity
 from mjframes.scene.contact import Contact
 from mjframes.scene.scaling import scale
+from mjframes.scene.taxels import TaxelGrid
 
 FRAMES = 3
 DAMPING = (0.0, 0.005)  # Rayleigh's α [1/s] and β [s]: meat does not ring
 # Of wet meat on plastic or wood. With priority, as those of the hand and of the block are MuJoCo's 1.
 CONTACT = Contact(friction=(0.7, 0.005, 0.0001), condim=4, priority=1)
+TAXELS = {  # on the strip loin, where the hand takes hold: 5 mm wide
+    side: TaxelGrid((0.085, 0, 0), (0, 0, up), (0.04, 0.06), (8, 12), along=(1, 0, 0))
+    for side, up in (("above", 1), ("below", -1))
+}
 CAMERA = {"name": "beside", "pos": (0.85, 0.15, 0.62), "xyaxes": (0, 1, 0, -0.3, 0, 1), "fovy": 53}
 PIXELS = 84  # height and width of pictures, as in dm_control.manipulation
 
@@ -62,11 +67,12 @@ class Scene:
         arm, hand = ([joint.full_identifier for joint in some.joints] for some in (self.arm, self.hand))
         torque = [sensor.full_identifier for sensor in self.arm.joint_torque_sensors]
         pinch = self.hand.pinch_site.full_identifier
-        return lifting.layout(model, arm, hand, torque, pinch, self.steak.full_name, self.steak.body)
+        touch = [sensor.full_identifier for sensor in self.steak.taxels]
+        return lifting.layout(model, arm, hand, torque, pinch, self.steak.full_name, self.steak.body, touch)
 
 
-def scene() -> Scene:
-    """Return the arena with a block, the arm with its hand, and the steak."""
+def scene(touch: bool = False) -> Scene:
+    """Return the arena with a block, the arm with its hand, and the steak; touch: with taxels on that."""
     arena = composer.Arena()
     root = arena.mjcf_model
     root.option.noslip_iterations = 0  # it does not see the step's elasticity
@@ -87,7 +93,7 @@ def scene() -> Scene:
     arm, hand = kinova.JacoArm(), kinova.JacoHand(use_pinch_site_as_tcp=True)
     arm.attach(hand)
     arena.attach(arm).pos = (0, lifting.REACH, 0)
-    meat = SoftEntity(steak(), "steak", contact=CONTACT)
+    meat = SoftEntity(steak(), "steak", contact=CONTACT, taxels=TAXELS if touch else None)
     arena.attach(meat)
     return Scene(arena, arm, hand, meat)
 

@@ -62,6 +62,7 @@ class Layout:
     torque: (6, 3) addresses in sensordata of the arm's torques; axis: (6, 3) of its joints.
     pinch: site between the fingertips.
     steak, placing: of the steak; name: of it.
+    touch: (n,) addresses in sensordata of the pressures on its taxels, none without.
     """
 
     arm: NDArray[np.int64]
@@ -74,6 +75,7 @@ class Layout:
     steak: Readings
     placing: Placing
     name: str
+    touch: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,17 +87,29 @@ class Start:
 
 
 def layout(
-    model: mujoco.MjModel, arm: list[str], hand: list[str], torque: list[str], pinch: str, steak: str, body: SoftBody
+    model: mujoco.MjModel,
+    arm: list[str],
+    hand: list[str],
+    torque: list[str],
+    pinch: str,
+    steak: str,
+    body: SoftBody,
+    touch: list[str],
 ) -> Layout:
-    """Return the layout of a compiled scene: names of joints, torque sensors and the site; the steak and its name."""
+    """Return the layout of a compiled scene: names of joints, torque sensors and the site; the steak and its name.
+
+    touch: names of the sensors of its taxels.
+    """
     joints = [[model.joint(name) for name in names] for names in (arm, hand)]
     arm_at, hand_at = (np.array([joint.qposadr[0] for joint in some], np.int64) for some in joints)
     arm_dof, hand_dof = (np.array([joint.dofadr[0] for joint in some], np.int64) for some in joints)
     sensors = np.array([model.sensor(name).adr[0] + np.arange(3) for name in torque])
     axis = np.array([joint.axis for joint in joints[0]])
     at = readings(soft(model, mujoco.MjData(model), steak), body)
+    taxels = [some.adr[0] + np.arange(some.dim[0]) for some in map(model.sensor, touch)]
+    felt = np.concatenate([np.zeros(0, np.int64), *taxels])
     return Layout(
-        arm_at, hand_at, arm_dof, hand_dof, sensors, axis, model.site(pinch).id, at, placing(model, steak), steak
+        arm_at, hand_at, arm_dof, hand_dof, sensors, axis, model.site(pinch).id, at, placing(model, steak), steak, felt
     )
 
 
@@ -145,6 +159,7 @@ FEATURES = PROPRIOCEPTION | STEAK
 
 
 def features(at: Layout, data: DataArrays) -> Array:
-    """Return all features (…, n), in the order of `FEATURES`."""
+    """Return all features (…, n), in the order of `FEATURES`, and behind them the pressures on taxels [kPa]."""
     leading = data.qpos.shape[:-1]
-    return np.concatenate([feature(at, data).reshape(*leading, -1) for feature in FEATURES.values()], axis=-1)
+    found = [feature(at, data).reshape(*leading, -1) for feature in FEATURES.values()]
+    return np.concatenate([*found, data.sensordata[..., at.touch] / 1000], axis=-1)

@@ -29,6 +29,7 @@ from mjframes.scene.links import quaternion as quaternion_of
 from mjframes.scene.placing import place
 from mjframes.scene.readings import Readings, add_readings, readings
 from mjframes.scene.scaling import scale
+from mjframes.scene.taxels import TaxelGrid, add_taxels
 from mjframes.scene.view import Soft, soft
 
 Array = NDArray[np.float64]
@@ -57,12 +58,14 @@ class SoftEntity(composer.Entity):
         damping: tuple[Varied, Varied] | None = None,
         position: Any = None,
         quaternion: Any = None,
+        taxels: Mapping[str, TaxelGrid] | None = None,
     ) -> None:
         """Build the MJCF.
 
         body: a soft body, or its file.  contact: as `mf.attach` has it.
         points: (n, 3) that the observable `material_points` follows, in volume coordinates [m]; 16 that are spread over
         the surface unless given.
+        taxels: grids on the surface whose pressures the observable `pressures` has, by the names of their sensors.
         """
         self._body = body if isinstance(body, SoftBody) else SoftBody.load(body)
         self._points = _spread(self._body.skin.vertices) if points is None else np.asarray(points, np.float64)
@@ -73,10 +76,13 @@ class SoftEntity(composer.Entity):
         spec = mujoco.MjSpec()
         attach(spec, self._body, name, contact=contact)
         add_readings(spec, name)
+        for sensor, grid in (taxels or {}).items():
+            add_taxels(spec, self._body, name, grid, "pressure", sensor)
         spec.compile()
         self._mjcf_root = mjcf.from_xml_string(spec.to_xml())
         self._mjcf_root.model = name
         self._holder = self._mjcf_root.find("body", name)
+        self._taxels = tuple(self._mjcf_root.find("sensor", sensor) for sensor in taxels or {})
 
     def _build_observables(self) -> SoftObservables:
         return SoftObservables(self)
@@ -95,6 +101,11 @@ class SoftEntity(composer.Entity):
     def points(self) -> Array:
         """Return the material points (n, 3) that are observed, in volume coordinates [m]."""
         return self._points
+
+    @property
+    def taxels(self) -> tuple[mjcf.Element, ...]:
+        """Return the sensors of the grids of taxels."""
+        return self._taxels
 
     @property
     def full_name(self) -> str:
@@ -194,6 +205,15 @@ class SoftObservables(composer.Observables):
     def contact_force(self) -> observable.Observable:
         """The net force (3,) of contacts on it, held pieces included, in the world [N]."""
         return observable.Generic(lambda physics: self._entity.readings(physics).contact_force(_sensed(physics)))
+
+    @composer.observable
+    def pressures(self) -> observable.Observable:
+        """The pressures (n,) on the taxels of all grids, one after the other [Pa]."""
+        return observable.Generic(
+            lambda physics: np.concatenate(
+                [np.zeros(0), *(physics.bind(sensor).sensordata for sensor in self._entity.taxels)]
+            )
+        )
 
 
 def _sensed(physics: mjcf.Physics) -> Array:

@@ -19,9 +19,11 @@ from mjframes.envs.lift_steak import EPISODE, LiftSteak, LiftSteakVector
 
 __all__ = ["LiftSteak", "LiftSteakVector"]
 
-gymnasium.register(
-    "LiftSteak-v0",
-    entry_point="mjframes.envs.lift_steak:LiftSteak",
-    vector_entry_point="mjframes.envs.lift_steak:LiftSteakVector",
-    max_episode_steps=EPISODE,
-)
+for name, options in (("LiftSteak-v0", {}), ("LiftSteakTouch-v0", {"touch": True})):
+    gymnasium.register(
+        name,
+        entry_point="mjframes.envs.lift_steak:LiftSteak",
+        vector_entry_point="mjframes.envs.lift_steak:LiftSteakVector",
+        max_episode_steps=EPISODE,
+        kwargs=options,
+    )

@@ -1,9 +1,9 @@
 """The task of lifting a steak (`mjframes.dm.lift`) for Gymnasium: one world, or many on the threads of one process.
 
 Action (9,) in [−1, 1]: velocities of the joints, of the most that each motor does. Observation: the features of
-`mjframes.dm.lifting` one behind the other, cut off at ±BOUND. Reward, start and length of an episode are those of the
-task; it is truncated after 10 s, and terminated where the physics fails. A world does the same to the bit alone and
-among others, for a seed and its actions.
+`mjframes.dm.lifting` one behind the other, with touch also the pressures on 2 × 8 × 12 taxels [kPa], all cut off at
+±BOUND. Reward, start and length of an episode are those of the task; it is truncated after 10 s, and terminated where
+the physics fails. A world does the same to the bit alone and among others, for a seed and its actions.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ PICTURE = (240, 320)  # height and width of what is drawn
 
 
 @cache
-def _compiled() -> tuple[mujoco.MjModel, Layout]:
-    scene = lift.scene()
+def _compiled(touch: bool) -> tuple[mujoco.MjModel, Layout]:
+    scene = lift.scene(touch)
     model = mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model).model.ptr
     return model, scene.layout(model)
 
@@ -59,11 +59,14 @@ class LiftSteak(gymnasium.Env):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(1 / lifting.CONTROL_TIMESTEP)}  # noqa: RUF012
 
-    def __init__(self, render_mode: str | None = None) -> None:
-        """Compile the scene, which takes seconds the first time in a process; render_mode: None or "rgb_array"."""
+    def __init__(self, render_mode: str | None = None, touch: bool = False) -> None:
+        """Compile the scene, which takes seconds the first time in a process; render_mode: None or "rgb_array".
+
+        touch: whether it observes what taxels above and below the steak's end feel.
+        """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise MjframesError(f"render_mode is {render_mode!r}; it must be None or 'rgb_array'.")
-        model, self._at = _compiled()
+        model, self._at = _compiled(touch)
         self.model = copy.copy(model)
         self.data = mujoco.MjData(self.model)
         self.render_mode = render_mode
@@ -114,15 +117,20 @@ class LiftSteakVector(VectorEnv):
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
-        self, num_envs: int = 1, threads: int = 0, max_episode_steps: int = EPISODE, render_mode: str | None = None
+        self,
+        num_envs: int = 1,
+        threads: int = 0,
+        max_episode_steps: int = EPISODE,
+        render_mode: str | None = None,
+        touch: bool = False,
     ) -> None:
-        """Make the worlds. threads: 0 takes all processors."""
+        """Make the worlds. threads: 0 takes all processors.  touch: as of `LiftSteak`."""
         for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise MjframesError(f"{name} is {value!r}; it must be a whole number ≥ {least}.")
         if render_mode is not None:
             raise MjframesError(f"render_mode is {render_mode!r}; many worlds are not drawn, make one LiftSteak.")
-        model, self._at = _compiled()
+        model, self._at = _compiled(touch)
         self.batch: Any = Batch(model, num_envs, threads)  # its fields are found by name
         for name in ("qpos", "qvel", "sensordata", "site_xpos", "site_xmat"):
             self.batch.bind(name)

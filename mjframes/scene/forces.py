@@ -78,6 +78,40 @@ def touches_of(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int
         yield Touch(geom, other, contact.pos.copy(), sign * wrench[:3] @ contact.frame.reshape(3, 3), rows)
 
 
+def forces_on_geoms(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> Array:
+    """Return the net force (g, 3) on each of some geoms by contacts with others, in the world [N].
+
+    As `touches_of`, all contacts at once: with forces f of its rows a contact has Σ f along its normal and μ (f − f')
+    along each tangent if cones are pyramidal.
+    """
+    number = np.full(model.ngeom + 1, -1)  # the last one is of flexes
+    number[geoms] = np.arange(len(geoms))
+    contacts = data.contact
+    own = number[contacts.geom]
+    some = np.flatnonzero(((own[:, 0] < 0) != (own[:, 1] < 0)) & (contacts.efc_address >= 0))
+    found = np.zeros((len(geoms), 3))
+    if not len(some):
+        return found
+    dim, first = contacts.dim[some], contacts.efc_address[some]
+    pyramid = (model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL) & (dim > 1)
+    count = np.where(pyramid, 2 * dim - 2, dim)
+    padded = np.append(data.efc_force, 0.0)
+    rows = np.arange(count.max())
+    force = padded[np.where(rows < count[:, None], first[:, None] + rows, data.nefc)]  # (c, rows)
+    local = np.zeros((len(some), 3))
+    local[:, 0] = np.where(pyramid, force.sum(axis=1), force[:, 0])
+    for axis in (1, 2):
+        if force.shape[1] > axis:
+            local[:, axis] = np.where(pyramid, 0, force[:, axis])
+        if force.shape[1] > 2 * axis - 1:
+            edges = contacts.friction[some, axis - 1] * (force[:, 2 * axis - 2] - force[:, 2 * axis - 1])
+            local[:, axis] += np.where(pyramid, edges, 0)
+    in_world = np.einsum("ca,cab->cb", local, contacts.frame[some].reshape(-1, 3, 3))
+    second = own[some, 1] >= 0
+    np.add.at(found, own[some, second.astype(int)], np.where(second[:, None], in_world, -in_world))
+    return found
+
+
 def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[np.int64]) -> Array:
     """Return Σ_i J_iᵀ f_i (nv,) over some constraint rows."""
     total = np.zeros(model.nv)

@@ -80,6 +80,21 @@ def add_sensor(
     if (points is None) != (measured.reads is None):
         wanted = "needs points, (n, 3) in metres" if measured.reads else "is of the whole body: give no points"
         raise MjframesError(f"the sensor {quantity!r} {wanted}.")
+    soft = soft_attributes(spec, body, name)
+    config = {"quantity": quantity}
+    if points is not None and measured.reads is not None:
+        at = material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points)
+        if not len(at.offset):
+            raise MjframesError("points has no point; a sensor needs one or more.")
+        config |= measured.reads(at)
+    return write_sensor(spec, name, sensor_name or f"{name}_{quantity}", measured.plugin, config)
+
+
+def soft_attributes(spec: mujoco.MjSpec, body: SoftBody, name: str) -> dict[str, str]:
+    """Return the attributes of a soft body's plugin instance.
+
+    Raise MjframesError if the spec does not have the soft body, or has another one of that name.
+    """
     plugin.load()
     instances = {soft_name(other.name): other for other in spec.plugins if other.plugin_name == plugin.NAME}
     if name not in instances:
@@ -88,23 +103,21 @@ def add_sensor(
     soft = dict(instances[name].config)
     if soft["asset"] != asset_key(body):
         raise MjframesError(f"body is not the one that {name!r} was made of; give the SoftBody that was attached.")
-    own = sensor_name or f"{name}_{quantity}"
+    return soft
+
+
+def write_sensor(spec: mujoco.MjSpec, name: str, own: str, kind: str, config: dict[str, str]) -> mujoco.MjsSensor:
+    """Add a sensor of soft body `name`, called `own`, that a plugin computes.  Raise MjframesError for a taken name."""
     if any(own == other.name for other in (*spec.sensors, *spec.plugins)):
         raise MjframesError(f"sensor_name is {own!r}, which the spec has already; give another one.")
-    config = {"quantity": quantity}
-    if points is not None and measured.reads is not None:
-        at = material_points(body, decode(soft["point_rest"]).reshape(-1, 3), points)
-        if not len(at.offset):
-            raise MjframesError("points has no point; a sensor needs one or more.")
-        config |= measured.reads(at)
-    spec.activate_plugin(measured.plugin)
-    instance = spec.add_plugin(name=own, plugin_name=measured.plugin, active=True)
+    spec.activate_plugin(kind)
+    instance = spec.add_plugin(name=own, plugin_name=kind, active=True)
     instance.config = config
     sensor = spec.add_sensor(
         name=own, type=mujoco.mjtSensor.mjSENS_PLUGIN, objtype=mujoco.mjtObj.mjOBJ_BODY, objname=name
     )
     sensor.plugin.active = True
-    sensor.plugin.plugin_name = measured.plugin
+    sensor.plugin.plugin_name = kind
     sensor.plugin.name = own
     return sensor
 
@@ -133,7 +146,7 @@ def _samples(at: MaterialPoints) -> dict[str, str]:
     return config
 
 
-def _places(at: MaterialPoints) -> dict[str, str]:
+def place_attributes(at: MaterialPoints) -> dict[str, str]:
     """Of material points: what the plugin reads for where they are, point by point."""
     count = len(at.offset)
     weights = at.weights.sorted_indices()
@@ -166,6 +179,6 @@ QUANTITIES = {
     "stress": Quantity("Cauchy's stress in the world's axes, as xx, yy, zz, yz, xz, xy", "Pa", 6, _samples),
     "strain": Quantity("Green's strain in the volume's axes, in the same order", "-", 6, _samples),
     "deformation_gradient": Quantity("from the volume's to the world's axes, row by row", "-", 9, _samples),
-    "position": Quantity("position in the world's axes", "m", 3, _places),
-    "velocity": Quantity("velocity in the world's axes", "m/s", 3, _places),
+    "position": Quantity("position in the world's axes", "m", 3, place_attributes),
+    "velocity": Quantity("velocity in the world's axes", "m/s", 3, place_attributes),
 }

@@ -447,11 +447,7 @@ class Soft:
     @property
     def patch_forces(self) -> np.ndarray:
         """Return the net contact force on each patch (p, 3), in the world [N]."""
-        patches = self.patches
-        found = np.zeros((len(patches), 3))
-        for touch in forces.touches_of(self.model, self.data, patches):
-            found[patches == touch.geom] += touch.force
-        return found
+        return forces.forces_on_geoms(self.model, self.data, self.patches)
 
     @property
     def patches(self) -> np.ndarray:

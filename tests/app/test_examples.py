@@ -12,7 +12,7 @@ from builders.pictures import film, picture, share, share_drawn
 from matplotlib import colormaps
 
 import mjframes as mf
-from examples import identify, kernels, knee
+from examples import identify, kernels, knee, taxels
 from examples.steak import run, steak_scene
 from mjframes.app.log.read import read_log
 from mjframes.testing import Goldens
@@ -60,6 +60,22 @@ def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
     x, stiffness = mf.soft(found.model, found.data, "knee").control_positions, found.body.stiffness
     stretch = [np.linalg.det(x[p].T @ g) for p, g in zip(stiffness.points, stiffness.gradient, strict=True)]
     assert min(stretch) > 0.05  # no region is inside out
+
+
+def test_a_fingertip_feels_a_pen_roll_and_slide(tmp_path: Path) -> None:
+    felt = taxels.run(tmp_path)
+    shown, plot = film(tmp_path / "taxels.mp4"), picture(tmp_path / "taxels.png")
+    assert len(shown) == round(30 * taxels.END) - 1
+    assert min(share(frame, (0.2, 0.22, 0.26)) for frame in shown) > 0.003  # the fingertip's back
+    assert min(share(plot, colormaps["magma"](value)[:3]) for value in (0.3, 0.7)) > 0.001
+    start, end, last = map(felt.at, (taxels.PRESSING, taxels.ROLLED, taxels.STOPPED))
+    area = np.prod(taxels.SIZE) / np.prod(taxels.SHAPE)
+    assert felt.force[start:last, 2] == pytest.approx(taxels.FORCE, rel=0.05)
+    assert area * felt.traction[start, ..., 0].sum() == pytest.approx(taxels.FORCE, rel=0.05)
+    wandered = (felt.centre[start] - felt.centre[end]) / (felt.gone[end] - felt.gone[start])
+    assert 0.4 < wandered < 0.52  # half, less as the fingertip is round
+    assert felt.grip[start : felt.at(1.1)].max() < 0.15
+    assert felt.grip[last - 50 : last] == pytest.approx(taxels.FRICTION, rel=0.15)
 
 
 def test_kernels_of_figure_6(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from builders.scenes import felt_block
 from scipy.spatial import KDTree
 
 from benchmarks.stability.damage import rewritten
@@ -133,6 +134,26 @@ def test_a_log_is_chunked_compressed_and_indexed(fallen: tuple[mujoco.MjModel, P
         "/scene/forces": ("foxglove.SceneUpdate", "protobuf"),
         "/video": ("foxglove.CompressedVideo", "protobuf"),
     }
+
+
+def test_a_log_has_a_picture_of_each_map_of_taxels(tmp_path: Path) -> None:
+    """The column in the middle of the ball is the brightest; the exact numbers are in the topic of sensors."""
+    record(felt_block(), 0.4, log=Log(tmp_path / "felt.mcap", rate=20))
+    found = decoded(tmp_path / "felt.mcap")
+    assert [topic for topic in sorted(found) if "taxels" in topic] == [
+        "/taxels/block_pressure",
+        "/taxels/block_traction",
+    ]
+    assert len(found["/taxels/block_pressure"]) == len(found["/scene/forces"])
+    now, image = found["/taxels/block_pressure"][-1]
+    assert (image.width, image.height, image.encoding, image.step) == (128, 64, "rgb8", 384)
+    pixels = np.frombuffer(image.data, np.uint8).reshape(64, 128, 3)
+    taxels = pixels[8::16, 8::16].astype(int).sum(axis=-1)
+    assert (pixels.astype(int).sum(axis=-1) == np.kron(taxels, np.ones((16, 16), int))).all()
+    felt = np.reshape(dict(found["/sensors"])[now]["block_pressure"], (4, 8))[::-1]  # the first row is at the bottom
+    assert (felt.argmax(axis=1) == taxels.argmax(axis=1)).all()
+    assert felt.max() > 0
+    np.testing.assert_allclose(taxels / taxels.max(), felt / felt.max(), atol=0.02)
 
 
 def test_what_foxglove_draws_is_where_mujoco_has_it(fallen: tuple[mujoco.MjModel, Path]) -> None:

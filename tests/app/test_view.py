@@ -24,7 +24,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from builders.scenes import FLOOR, compiled, lump
+from builders.scenes import FLOOR, compiled, felt_block, lump
 
 from examples.steak import draw_veins
 from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
@@ -307,6 +307,20 @@ def test_everything_is_on_the_page_and_follows_its_body() -> None:
         names = {f"/bodies/0/{geom}/{part}" for geom, part in ((0, "0"), (0, "0/lines"), (1, "0"))} | {"/lights/0"}
         assert all(shown.server.scene.get_handle_by_name(name) is not None for name in names)
         assert shown.server.scene.get_handle_by_name("/bodies/0/2") is None
+
+
+@needs_viser
+def test_the_maps_of_taxels_are_on_the_page() -> None:
+    with page({"felt": felt_block()}, port=0) as shown:
+        images = [image for _, image in shown.controls.taxels]
+        assert [image.label for image in images] == ["block_pressure", "block_traction"]
+        assert not images[0].image.any()
+        for _ in range(200):
+            shown.simulation.step()
+        shown.controls.show()
+        for image in images:
+            assert image.image.shape == (64, 128, 3)
+            assert image.image.max() == 255
 
 
 @needs_viser

@@ -11,8 +11,10 @@ from builders.shapes import mixed
 
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
+from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
+from mjframes.scene.taxels import TaxelGrid, add_taxels
 from mjframes.scene.view import Soft, soft, soft_names
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -334,3 +336,16 @@ def check_slope_of_energy(
             mujoco.mj_forward(model, data)
             energy.append(view.elastic_energy)
         assert (energy[0] - energy[1]) / 2e-6 == pytest.approx(-force @ direction, rel=1e-6)
+
+
+def felt_block() -> mujoco.MjModel:
+    """A ball on a glued block with 4 × 8 taxels, which feel pressure, shear and its centre."""
+    volume = Volume.box((0.04, 0.04, 0.02), Material(1e5, 0.4, 1000), spacing=0.005)
+    body = build(volume, 2, supports=Fixed(volume.side("-z")), damping=(0, 0.01))
+    ball = '<body pos=".004 .01 .0205"><joint type="slide" axis="0 0 1"/><geom size=".01" mass=".05"/></body>'
+    spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
+    attach(spec, body, "block")
+    grid = TaxelGrid((0, 0, 0.01), (0, 0, 1), (0.016, 0.032), (4, 8), along=(1, 0, 0))
+    for quantity in ("pressure", "traction", "pressure_centre"):
+        add_taxels(spec, body, "block", grid, quantity)
+    return spec.compile()

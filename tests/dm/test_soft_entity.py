@@ -146,3 +146,18 @@ def test_a_held_body_is_not_placed() -> None:
     world.reset()
     with pytest.raises(MjframesError, match="is held by the scene"):
         entity.set_pose(world.physics, (0, 0, 1), (1, 0, 0, 0))
+
+
+def test_taxels_feel_what_the_body_lies_on() -> None:
+    """A grid on the lower side of a block bears it, one on the upper side feels nothing."""
+    volume = mf.Volume.box((0.04, 0.04, 0.02), mf.Material(1e5, 0.4, 1000), spacing=0.004)
+    grids = {
+        side: mf.TaxelGrid((0, 0, 0), (0, 0, up), (0.04 - 1e-6, 0.04 - 1e-6), (4, 4))
+        for side, up in (("below", -1), ("above", 1))
+    }
+    entity = SoftEntity(mf.build(volume, 1, damping=(2.0, 0.01)), "block", taxels=grids)
+    world = environment(entity, time_limit=1.5)
+    pressure = last_observation(world)["block/pressures"].reshape(2, 4, 4)
+    weight = 9.81 * world.physics.named.model.body_subtreemass["block/block"]
+    assert 0.01**2 * pressure[0].sum() == pytest.approx(weight, rel=0.02)
+    assert not pressure[1].any()

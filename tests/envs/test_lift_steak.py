@@ -14,11 +14,12 @@ import numpy as np
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
+from examples import lift
 from mjframes.base.errors import MjframesError
 from mjframes.envs import LiftSteak, LiftSteakVector
 
 pytestmark = pytest.mark.dm_control
-NAME = "mjframes.envs:LiftSteak-v0"
+NAME, TOUCH = "mjframes.envs:LiftSteak-v0", "mjframes.envs:LiftSteakTouch-v0"
 STEPS, LIMIT = 12, 8  # with an end and a new start on the way
 
 
@@ -48,6 +49,35 @@ def test_many_worlds_are_each_alone_to_the_bit() -> None:
     ends = [found for found in alone if found.dtype == bool]
     assert sum(end.sum() for end in ends) == 3  # truncated once each
     assert any(np.ptp(found, axis=0).any() for found in alone)
+
+
+@pytest.mark.filterwarnings("error")
+def test_touch_is_observed_alike_alone_and_among_others() -> None:
+    check_env(gymnasium.make(TOUCH).unwrapped)
+    sizes = [gymnasium.make(name).observation_space.shape[0] for name in (NAME, TOUCH)]
+    assert sizes[1] - sizes[0] == 2 * 8 * 12
+    alone, together = (
+        transitions(gymnasium.make_vec(TOUCH, num_envs=2, vectorization_mode=mode), seed=3)
+        for mode in ("sync", "vector_entry_point")
+    )
+    for found, expected in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_hand_that_closes_is_felt_above_and_below() -> None:
+    """The policy of the example, until the fingers have closed."""
+    task = LiftSteak(touch=True)
+    observed, _ = task.reset(seed=0)
+    assert not observed[-192:].any()
+    at, limit = task._at, task.model.actuator_ctrlrange[:, 1]
+    target = lift.grip(at, task.data)
+    for _ in range(95):
+        observed, *_ = task.step(lift.action(task.model, task.data, at.pinch, target) / limit)
+    above, below = observed[-192:].reshape(2, 8, 12)
+    assert above.max() > 1 < below.max()  # [kPa]
+    pressed = 1e3 * 0.005**2 * np.array([above.sum(), below.sum()])
+    assert 10 < pressed[0] < 16  # [N]
+    assert pressed[0] == pytest.approx(pressed[1], rel=0.1)
 
 
 def test_an_ended_world_starts_again_in_the_next_step() -> None:

@@ -12,7 +12,7 @@ from builders.scenes import FLOOR, TILTED, beam, compiled, distort, distorted, i
 import mjframes as mf
 from mjframes.base.errors import MjframesError
 from mjframes.elasticity.corotational import CorotationalRegion
-from mjframes.scene import identity
+from mjframes.scene import forces, identity
 from mjframes.scene.material_points import material_points
 from mjframes.scene.view import Soft
 from mjframes.volume.grid import voxel_grid
@@ -243,6 +243,25 @@ def test_the_forces_on_each_frame_of_a_body_that_lies_are_balanced(frame_type: s
     total = view.frame_forces + contact + gravity[:, None] * [0, 0, 1]
     assert np.abs(total).max() < 1e-5 * -weight
     assert np.abs(view.frame_forces).max() > 1e-3 * -weight
+
+
+@pytest.mark.parametrize("condim", [1, 3, 4, 6])
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_the_forces_on_patches_are_those_of_mujoco(cone: str, condim: int) -> None:
+    """One block slides and turns on the floor, another one on it."""
+    places = [(block(), (0, 0, -0.001), (1, 0, 0, 0)), (block(), (0.02, 0, 0.038), (1, 0, 0, 0.1))]
+    touch = mf.Contact(condim=condim, friction=(0.5, 0.01, 0.01), priority=1)
+    model, data = compiled(FLOOR, *places, contact=touch, cone=getattr(mujoco.mjtCone, f"mjCONE_{cone.upper()}"))
+    mujoco.mj_step(model, data, nstep=50)
+    data.qvel[:] = np.random.default_rng(0).normal(size=model.nv, scale=0.02)
+    mujoco.mj_forward(model, data)
+    for name in ("soft0", "soft1"):
+        view = mf.soft(model, data, name)
+        expected = np.zeros((len(view.patches), 3))
+        for one in forces.touches_of(model, data, view.patches):
+            expected[view.patches == one.geom] += one.force
+        assert np.abs(expected).max() > 0.01
+        np.testing.assert_allclose(view.patch_forces, expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("ends", [(0,), (0, -1)], ids=["one", "two"])

@@ -293,7 +293,7 @@ def _state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         ({"weight_point": "i32:1:AAAAAA=="}, "its points are not those of the soft body"),
         ({"offset": "f64:0:"}, "offset has another number of values"),
         ({"rise": "f64:1:AAAAAAAAAAA="}, "its points are not those of the soft body"),
-        ({"quantity": "contact_force"}, "contact_force is a quantity of the plugin mjframes.force_sensor"),
+        ({"quantity": "contact_force"}, "the quantities of taxels are of the plugin mjframes.force_sensor"),
     ],
 )
 def test_a_damaged_sensor_of_positions_is_refused(change: dict[str, str], words: str) -> None:

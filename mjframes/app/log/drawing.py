@@ -1,4 +1,4 @@
-"""A scene as Foxglove's 3D panel draws it: its schemas `SceneUpdate` and `FrameTransforms`.
+"""A scene as Foxglove's 3D panel draws it, by its schemas `SceneUpdate` and `FrameTransforms`, and its image panel.
 
 Rigid geoms are said once, each in the frame of its body, and go where the transforms take that. Skins are said anew in
 every message, deformed, in the frame of the world, with some of their vertices only (`coarse`) and these rounded: they
@@ -24,6 +24,7 @@ from foxglove.messages import (
     Point3,
     Pose,
     Quaternion,
+    RawImage,
     SceneEntity,
     SceneUpdate,
     SpherePrimitive,
@@ -36,8 +37,10 @@ from mjframes.app.dented import skin_vertices
 from mjframes.app.drawn import Shape, drawn_geoms, shapes, skin_color
 from mjframes.app.log.coarse import coarse_skins
 from mjframes.app.log.numbers import nanoseconds_of
+from mjframes.app.taxel_picture import TaxelPicture
+from mjframes.scene.taxels import taxel_maps
 
-Drawing = CompressedVideo | FrameTransforms | SceneUpdate
+Drawing = CompressedVideo | FrameTransforms | RawImage | SceneUpdate
 WORLD = "world"
 HEAD = 0.25  # [-] of an arrow's length that is its head
 RED = (0.9, 0.2, 0.1, 1.0)
@@ -130,6 +133,21 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> S
     return SceneUpdate(entities=[entity])
 
 
+def taxel_image(picture: TaxelPicture, data: mujoco.MjData, time: float) -> RawImage:
+    """Return what a map of taxels feels, as a picture."""
+    pixels = picture.draw(data)
+    height, width, _ = pixels.shape
+    return RawImage(
+        timestamp=_timestamp(time),
+        frame_id=picture.taxels.name,
+        width=width,
+        height=height,
+        encoding="rgb8",
+        step=3 * width,
+        data=pixels.tobytes(),
+    )
+
+
 def video_frame(picture: bytes, camera: str, time: float) -> CompressedVideo:
     """Return a frame of H.264 in Annex B.  camera: its name."""
     return CompressedVideo(timestamp=_timestamp(time), frame_id=camera, data=picture, format="h264")
@@ -186,6 +204,12 @@ def _quaternion(values: np.ndarray) -> Quaternion:
 def _color(values: np.ndarray | tuple[float, ...]) -> Color:
     r, g, b, a = map(float, values)
     return Color(r=r, g=g, b=b, a=a)
+
+
+def channels(model: mujoco.MjModel) -> dict[str, Callable[[mujoco.MjData, float], Drawing]]:
+    """Return what is drawn anew in every message, by topic, as CHANNELS has it; each map of taxels has a topic."""
+    found = {topic: draw for topic, make in CHANNELS.items() if (draw := make(model))}
+    return found | {f"/taxels/{one.name}": partial(taxel_image, TaxelPicture(one)) for one in taxel_maps(model)}
 
 
 # What is drawn anew in every message: of a model, a function of its data and time [s], None where it has nothing of it

@@ -1,8 +1,8 @@
 """Writing logs: MCAP in zstd chunks with indexes, which grow on the disk while the simulation runs.
 
 Beside the topics of `numbers`: /tf (FrameTransforms), /scene/rigid (SceneUpdate, said once), /scene/soft and
-/scene/forces (SceneUpdate), /video (CompressedVideo). Attached, compressed, are the scene's XML and the files that it
-names. All is SI; the log time of a message is the simulated time.
+/scene/forces (SceneUpdate), /taxels/<name> of each map (RawImage), /video (CompressedVideo). Attached, compressed, are
+the scene's XML and the files that it names. All is SI; the log time of a message is the simulated time.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class LogWriter:
         for topic, schema in schemas(model, soft_names, topics).items():
             self._register(topic, "jsonschema", schema["title"], json.dumps(schema).encode())
         if "scene" in topics:
-            from mjframes.app.log.drawing import CHANNELS, rigid_scene
+            from mjframes.app.log.drawing import channels, rigid_scene
 
-            self._drawn = {topic: draw for topic, make in CHANNELS.items() if (draw := make(model))}
+            self._drawn = channels(model)
             self._write_drawing("/scene/rigid", 0.0, rigid_scene(model))
 
     def numbers(self, instant: Instant, data: mujoco.MjData) -> None:

@@ -12,9 +12,11 @@ import numpy as np
 from viser import GuiSliderHandle, GuiUplotHandle, ViserServer
 
 from mjframes.app.control_table import control_names
+from mjframes.app.taxel_picture import TaxelPicture
 from mjframes.app.view.cameras import View, aim, views
 from mjframes.app.view.simulation import Simulation
 from mjframes.scene import scaling
+from mjframes.scene.taxels import taxel_maps
 
 Commands = queue.SimpleQueue[Callable[[], None]]
 SOFTEST, STIFFEST = 0.1, 10.0  # [-] range of a factor
@@ -28,7 +30,7 @@ class Controls:
     """The panel.
 
     What is asked for is put into `commands`, to be done between two steps: viser calls back from threads of its own.
-    actuators: the sliders of those that have a range, by number.
+    actuators: the sliders of those that have a range, by number.  taxels: pictures of maps, and where they are shown.
     """
 
     def __init__(self, server: ViserServer, simulation: Simulation, commands: Commands) -> None:
@@ -50,6 +52,10 @@ class Controls:
         self._energy = self._plot("energy [J]", ["kinetic", "potential", "elastic", "total"])
         curves = [*(f"on {name}" for name in simulation.bodies), "others"]
         self._forces = self._plot("contact force [N]", curves)
+        self.taxels = [
+            (picture, gui.add_image(picture.draw(simulation.data), label=picture.taxels.name))
+            for picture in map(TaxelPicture, taxel_maps(simulation.model))
+        ]
         with gui.add_folder("Mouse", expand_by_default=False):
             gui.add_markdown("Drag what moves with the left button: a spring pulls it.")
             spring = gui.add_number("spring [N/m]", simulation.stiffness, min=0.0, step=1e-3)
@@ -66,6 +72,8 @@ class Controls:
         if simulation.diverged:
             self._follow()
         self._status.content = _status(simulation, self._factor)
+        for picture, image in self.taxels:
+            image.image = picture.draw(simulation.data)
         past = list(simulation.past)
         if len(past) > 1:
             times = np.array([instant.time for instant in past])
