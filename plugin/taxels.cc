@@ -172,8 +172,10 @@ void Taxels::Compute(const mjModel* m, mjData* d, const SoftBody& body) {
     Load load = {c, object[0], object[1]};
     Vec3 pivot;
     if (object[0] >= 0 && object[1] < 0) {
-      const mjtNum* centre = FreeCentre(m, d, m->geom_bodyid[object[0]]);
-      if (!centre && !body.kinematics().held()) centre = d->subtree_com + 3 * body.kinematics().holder();
+      const int owner = m->geom_bodyid[object[0]];
+      const mjtNum* centre = FreeCentre(m, d, owner);
+      const bool lies = m->body_weldid[owner] == 0 && !body.kinematics().held();
+      if (!centre && lies) centre = d->subtree_com + 3 * body.kinematics().holder();
       if (centre) {
         pivot = ToVec3(centre);
         load.pivot = &pivot;

@@ -7,9 +7,9 @@
 //
 // K is the response of an elastic layer, as thick as the flesh, that is glued below. x̂ is the affine map of the rest
 // places p̄ that fits where they are now, over some thicknesses around the contacts: what the frames show of the dent
-// itself is the part of C f that they can make, and would count twice. Where the object or the soft body turns freely,
-// the contacts' normal forces have the moment M that keeps it from turning, and ½ c |Σ f ℓ − M|² is added, with a large
-// c and ℓ = (x̂ − pivot) × n: it tilts until the moment is that. The force on a place is
+// itself is the part of C f that they can make, and would count twice. Where the object turns freely, or the soft body
+// on one that stands still, the contacts' normal forces have the moment M that keeps it from turning, and ½ c |Σ f ℓ −
+// M|² is added, with a large c and ℓ = (x̂ − pivot) × n: it tilts until the moment is that. The force on a place is
 //
 //   −f n + (f / N) (F + Σ f n) + τ f m × (x − x̂_f)
 //
