@@ -188,23 +188,6 @@ def test_a_cloth_acts_at_its_contact_point(turning: bool, cone: str, jacobian: s
             assert rows[c.efc_address, mine] @ rates == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_step_with_a_cloth_does_not_depend_on_what_was_asked_before() -> None:
-    """What was found of a place is kept while nothing moves: a copy of mjData, where nothing is, steps alike."""
-    xml = CLOTH.format(cone="pyramidal", jacobian="auto", gravity=-9.81, dim=2, layers=1, contact="")
-    model, data = compiled(xml, (slab(), (0, 0, 0), STRAIGHT))
-    mujoco.mj_step(model, data, nstep=30)
-    copy = mujoco.MjData(model)
-    mujoco.mj_copyData(copy, model, data)
-    above, down = np.array([0.1, 0.1, 1.0]), np.array([0.0, 0.0, -1.0])
-    cast(model, data, above, down)
-    for some in (data, copy):
-        mujoco.mj_step(model, some, nstep=3)
-        mujoco.mj_kinematics(model, some)
-    assert any(contact.flex[1] >= 0 for contact in data.contact)
-    assert np.array_equal(data.qpos, copy.qpos)
-    assert cast(model, data, above, down) == cast(model, copy, above, down)
-
-
 @pytest.mark.slow
 def test_a_cloth_comes_to_rest_on_a_slab() -> None:
     """MuJoCo's cloth trembles: in single steps the slab bears its weight to within 15 %, over many exactly that."""
