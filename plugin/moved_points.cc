@@ -11,17 +11,18 @@ constexpr int kBlock = 2 * kWideLanes;  // points whose coordinates a processor 
 
 }  // namespace
 
-void PointWeights::Read(int count, Reader* reader) {
+void PointWeights::Read(int count, const std::vector<int32_t>& also, Reader* reader) {
   constexpr char kMismatch[] = "its points are not those of the soft body: attach that again";
   const auto sizes = reader->Array<int32_t>("weight_size");
   const auto entry_point = reader->Array<int32_t>("weight_point");
   const auto entry_weight = reader->Array<double>("weight");
   const auto offsets = reader->Has("offset") ? reader->Array<double>("offset") : std::vector<double>();
-  const bool known = std::all_of(entry_point.begin(), entry_point.end(), [=](int j) { return j >= 0 && j < count; });
+  point = entry_point;
+  point.insert(point.end(), also.begin(), also.end());
+  const bool known = std::all_of(point.begin(), point.end(), [=](int32_t j) { return j >= 0 && j < count; });
   const bool match =
       entry_weight.size() == entry_point.size() && (offsets.empty() || offsets.size() == 3 * sizes.size());
   if (!reader->Check(known && match && !sizes.empty() && !entry_point.empty(), kMismatch)) return;
-  point = entry_point;
   std::sort(point.begin(), point.end());
   point.erase(std::unique(point.begin(), point.end()), point.end());
   size = static_cast<int>(sizes.size());

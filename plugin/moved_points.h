@@ -19,8 +19,9 @@ namespace mjframes {
 
 // What never changes of n points.
 struct PointWeights {
-  // Reads those of an instance, of a soft body with `count` control points. What is wrong is told to `reader`.
-  void Read(int count, Reader* reader);
+  // Reads those of an instance, of a soft body with `count` control points; also: more of these to be among `point`.
+  // What is wrong is told to `reader`.
+  void Read(int count, const std::vector<int32_t>& also, Reader* reader);
 
   int size = 0;                // n
   int padded = 0;              // to whole blocks of kBlock

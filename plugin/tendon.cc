@@ -23,6 +23,8 @@ constexpr const char* kAttributes[] = {
     "weight_point",  // which                                                      (Σ)
     "weight",        // W_j [-], or of a stretch m · ∇W_j [1/m]                    (Σ)
     "offset",        // left out where it is zero                              (n × 3)
+    "pair",          // control points, left out for none                          (t × 2)
+    "pair_slope",    // c_ij                                                       (t)
     "triangle",      // of a volume: three points each, counter-clockwise seen from outside the chamber  (t × 3)
     "stop",          // of a length: points; −1 is the next of the tendon's sites  (s)
     "voxel_volume",  // of a stretch [m³]                                          (n)
@@ -33,10 +35,20 @@ constexpr const char* kAttributes[] = {
 
 }  // namespace
 
-std::unique_ptr<const TendonModel> TendonModel::Read(int count, Reader* reader) {
+std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& rest, Reader* reader) {
   auto model = std::make_unique<TendonModel>();
-  model->points.Read(count, reader);
+  const auto pair = reader->Has("pair") ? reader->Array<int32_t>("pair") : std::vector<int32_t>();
+  const auto slope = reader->ArrayOr<double>("pair_slope", 0, pair.size() / 2);
+  model->points.Read(static_cast<int>(rest.size()), pair, reader);
   if (!reader->ok()) return nullptr;
+  const std::vector<int32_t>& order = model->points.point;
+  const auto place = [&order](int32_t j) {
+    return static_cast<int32_t>(std::lower_bound(order.begin(), order.end(), j) - order.begin());
+  };
+  for (size_t t = 0; t < slope.size(); t++) {
+    const int32_t i = pair[2 * t], j = pair[2 * t + 1];
+    model->pairs.push_back({place(i), place(j), slope[t], Norm(rest[i] - rest[j])});
+  }
   const int points = model->points.size;
   const std::string quantity = reader->Text("quantity");
   const auto known = [points](int32_t n) { return n < points; };
@@ -71,12 +83,13 @@ std::unique_ptr<Tendon> Tendon::Create(const mjModel* m, int instance) {
   std::unique_ptr<Tendon> made;
   if (reader.ok()) {
     Reader other(m, soft);  // the soft body itself may not exist yet
-    const auto rest = other.Array<double>("point_rest");
-    const auto count = static_cast<int>(std::min(rest.size() / 3, other.Array<double>("point_mass").size()));
+    const auto values = other.Array<double>("point_rest");
+    std::vector<Vec3> rest(std::min(values.size() / 3, other.Array<double>("point_mass").size()));
+    for (size_t k = 0; k < rest.size(); k++) rest[k] = ToVec3(values.data() + 3 * k);
     Key key;
-    key.Add(&count, 1);
+    key.Add(rest.data(), rest.size());
     for (const char* attribute : kAttributes) key.Add(reader.Text(attribute), std::strlen(reader.Text(attribute)));
-    auto model = Interned<TendonModel>(key.text(), [&] { return TendonModel::Read(count, &reader); });
+    auto model = Interned<TendonModel>(key.text(), [&] { return TendonModel::Read(rest, &reader); });
     if (model) made.reset(new Tendon(tendon, soft, std::move(model)));
     if (made) {
       reader.Check(made->FindStops(m) && made->FindLinks(m, &other),
@@ -116,16 +129,14 @@ bool Tendon::FindStops(const mjModel* m) {
 }
 
 // p₀ and V₀, from the places of the control points at rest.
-void Tendon::ReadGas(const std::vector<double>& rest, Reader* reader) {
+void Tendon::ReadGas(const std::vector<Vec3>& rest, Reader* reader) {
   if (!reader->ok() || !reader->Has("gas")) return;
   gas_ = reader->Number("gas");
   ambient_ = reader->Number("ambient");
   exponent_ = reader->Number("exponent");
   if (!reader->Check(!model_->triangle.empty(), "gas has to be in a volume")) return;
   const std::vector<int32_t>& point = model_->points.point;
-  for (size_t i = 0; i < point.size(); i++) {
-    x_[i] = ToVec3(rest.data() + 3 * point[i]) - ToVec3(rest.data() + 3 * point[0]);
-  }
+  for (size_t i = 0; i < point.size(); i++) x_[i] = rest[point[i]] - rest[point[0]];
   points_.Place(x_, kIdentity);
   rest_volume_ = Volume();
   reader->Check(rest_volume_ > 0, "its volume at rest is not positive");
@@ -207,6 +218,7 @@ void Tendon::Measure(const mjModel* m, mjData* d) {
   d->ten_length[tendon_] = Evaluate(m, d, origin);
 
   const Vec3 torque = points_.Gather(axes, &force_);
+  d->ten_length[tendon_] += AddPairs();
   if (holder_ >= 0) wrench_[holder_].torque = wrench_[holder_].torque + torque;
   for (size_t i = 0; i < point.size(); i++) AddForce(m, d, point_link_[i], x_[i] + origin, force_[i]);
   for (size_t n = links_.size(); n-- > 0;) {
@@ -271,6 +283,21 @@ double Tendon::Volume() {
     for (int lane = 0; lane < kLanes; lane++) three += sum[lane];
   });
   return three / 3;
+}
+
+// Of the correction; its forces go to the control points.
+double Tendon::AddPairs() {
+  double sum = 0;
+  for (const auto& [i, j, slope, rest] : model_->pairs) {
+    const Vec3 way = x_[i] - x_[j];
+    const double length = Norm(way);
+    sum += slope * (length - rest);
+    if (!(length > mjMINVAL)) continue;
+    const Vec3 force = (slope / length) * way;
+    force_[i] = force_[i] + force;
+    force_[j] = force_[j] - force;
+  }
+  return sum;
 }
 
 double Tendon::Length(const mjModel* m, const mjData* d, const Vec3& origin) {

@@ -3,6 +3,7 @@
 //   V = Σ_abc p_a · (p_b × p_c) / 6        a closed surface of triangles: of a chamber [m³]
 //   L = Σ_k |p_k+1 − p_k|                  a path through material points and sites: of a fibre [m]
 //   S = Σ_n V_n |F_n m_n|                  a field of fibres with directions m at voxels: of a muscle [m³]
+//   … + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|)     so that at rest it pulls as finite elements say (tendon_slopes.py)
 //
 // Points are p = Σ_j W_j x_j, and F m = Σ_j (m · ∇W_j) x_j. With G_j = ∂/∂x_j the Jacobian is Jᵀ G: forces G at the
 // control points, summed over the tree to wrenches and taken along MuJoCo's `cdof`. A force on V is so a pressure [Pa],
@@ -33,13 +34,18 @@ inline constexpr char kTendonName[] = "mjframes.tendon";
 
 // What never changes of one, shared by the mjDatas of a model.
 struct TendonModel {
-  // Reads that of an instance, of a soft body with `count` control points. What is wrong is told to `reader`.
-  static std::unique_ptr<const TendonModel> Read(int count, Reader* reader);
+  // Reads that of an instance; rest: of the soft body's control points. What is wrong is told to `reader`.
+  static std::unique_ptr<const TendonModel> Read(const std::vector<Vec3>& rest, Reader* reader);
 
   PointWeights points;
   std::vector<int32_t> triangle;  // of a chamber: three points each, counter-clockwise seen from outside the chamber
   std::vector<double> volume;     // of a muscle: of its voxels [m³]
-  std::vector<int32_t> stop;      // of a fibre: points, −1 for the next of the tendon's sites
+  struct Pair {
+    int32_t i, j;        // places in points.point
+    double slope, rest;  // c [of the tendon's unit by m], distance at rest [m]
+  };
+  std::vector<Pair> pairs;
+  std::vector<int32_t> stop;  // of a fibre: points, −1 for the next of the tendon's sites
 };
 
 class Tendon {
@@ -86,7 +92,8 @@ class Tendon {
   Tendon(int tendon, int soft, std::shared_ptr<const TendonModel> model);
 
   bool FindStops(const mjModel* m);
-  void ReadGas(const std::vector<double>& rest, Reader* reader);
+  void ReadGas(const std::vector<Vec3>& rest, Reader* reader);
+  double AddPairs();
   bool FindLinks(const mjModel* m, Reader* soft);
   int LinkOf(const mjModel* m, int body) const;
   void CountPaths(const mjModel* m);

@@ -28,10 +28,11 @@ from mjframes.scene import links, plugin
 from mjframes.scene.carriers import Carrier, carrier_of, printable
 from mjframes.scene.material_points import OUTSIDE
 from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
-from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, encode
+from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode
 from mjframes.scene.skins import add_skin
+from mjframes.scene.tendon_slopes import Elements, correction
 from mjframes.surface.isosurface import kept_surface
-from mjframes.volume.grid import voxel_grid
+from mjframes.volume.grid import Grid, voxel_grid
 from mjframes.volume.material import Material, is_number
 from mjframes.volume.volume import Volume
 from mjframes.weights.interpolation import closest_voxels
@@ -152,15 +153,16 @@ def add_tendons(
 
     carried: its bodies.  rest: (k, 3) of the control points, as the model has them [m].
     """
+    elements = Elements(body)
     for own, kind in tendons.items():
         if not isinstance(own, str) or not own:
             raise MjframesError(f"tendons has the key {own!r}; its keys are names of tendons.")
         if any(own == other.name for other in (*spec.tendons, *spec.plugins)):
             raise MjframesError(f"tendons has the name {own!r}, which the spec has already; give another one.")
         if isinstance(kind, Chamber):
-            measured = _chamber(spec, body, name, own, carried, rest, kind)
+            measured = _chamber(spec, elements, name, own, carried, rest, kind)
         elif isinstance(kind, Fibre):
-            measured = _fibre(spec, body, name, own, kind)
+            measured = _fibre(spec, elements, name, own, rest, kind)
         else:
             raise MjframesError(f"tendons[{own!r}] is a {type(kind).__name__}; give a Chamber or a Fibre.")
         _write(spec, name, own, carried, measured)
@@ -206,7 +208,8 @@ def _write(spec: mujoco.MjSpec, name: str, own: str, carried: Sequence[Carrier],
         tendon.wrap_site(start)
     turns = itertools.cycle([end, start])
     passed = 4 + 2 * len(measured.sites)
-    for carrier in _leaves(carried, np.unique(weights.indices)):
+    pulled = [weights.indices, decode(config["pair"])] if "pair" in config else [weights.indices]
+    for carrier in _leaves(carried, np.unique(np.concatenate(pulled))):
         # between two sites on one body, and not in the way: MuJoCo gives it columns, and computes nothing
         ball = f"{stem}_{carrier}"
         spec.body(on[carrier]).add_geom(
@@ -251,7 +254,7 @@ def _points(body: SoftBody, at: np.ndarray, what: str | None) -> tuple[sparse.cs
 
 def _chamber(
     spec: mujoco.MjSpec,
-    body: SoftBody,
+    elements: Elements,
     name: str,
     own: str,
     carried: Sequence[Carrier],
@@ -259,7 +262,7 @@ def _chamber(
     chamber: Chamber,
 ) -> Measured:
     """The volume of a cavity, and a skin that shows it."""
-    volume = body.fields.volume
+    body, volume = elements.body, elements.body.fields.volume
     cavity = _cavity(volume, own, chamber)
     inside = replace(volume, labels=cavity.astype(np.uint8), materials={1: Material(1e3, 0.3, 1000)})
     surface = kept_surface(inside, chamber.vertices)
@@ -278,7 +281,30 @@ def _chamber(
             "exponent": repr(float(chamber.exponent)),
         }
     a, b, c = (weights @ rest + offset)[faces].transpose(1, 0, 2)
+    normal = np.zeros_like(offset)
+    for corner in faces.T:
+        np.add.at(normal, corner, np.cross(b - a, c - a) / 6)
+    config |= _corrected(body, rest, elements.pull(*_pushed(elements.grid, cavity)), weights.T @ normal)
     return Measured(config, weights, offset, float((a * np.cross(b, c)).sum() / 6))
+
+
+def _pushed(grid: Grid, cavity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The voxels (n,) around a cavity, the middles (n, 3) [m] of their faces there, and the areas (n, 3) [m²]."""
+    voxels, middles, areas = [], [], []
+    for axis, way in itertools.product(range(3), (-1, 1)):
+        step = way * grid.axes[:, axis]
+        beside = np.roll(np.pad(cavity, 1), way, axis)[1:-1, 1:-1, 1:-1]
+        some = grid.lookup[beside & (grid.lookup >= 0)]
+        voxels.append(some)
+        middles.append(grid.points(some) - 0.5 * grid.spacing[axis] * step)
+        areas.append(np.tile(step * grid.cell_volume / grid.spacing[axis], (len(some), 1)))
+    return np.concatenate(voxels), np.concatenate(middles), np.concatenate(areas)
+
+
+def _corrected(body: SoftBody, rest: np.ndarray, wanted: np.ndarray, has: np.ndarray) -> dict[str, str]:
+    """The attributes of the correction by which the tendon pulls as in finite elements."""
+    pairs, slope = correction(body, rest, wanted, has)
+    return {"pair": encode(pairs), "pair_slope": encode(slope)}
 
 
 def _cavity(volume: Volume, own: str, chamber: Chamber) -> np.ndarray:
@@ -315,12 +341,12 @@ def _cavity(volume: Volume, own: str, chamber: Chamber) -> np.ndarray:
     return cavity
 
 
-def _fibre(spec: mujoco.MjSpec, body: SoftBody, name: str, own: str, fibre: Fibre) -> Measured:
+def _fibre(spec: mujoco.MjSpec, elements: Elements, name: str, own: str, rest: np.ndarray, fibre: Fibre) -> Measured:
     """The length of a path."""
     at = np.array([stop for stop in fibre.points if not isinstance(stop, str)], float).reshape(-1, 3)
     if not len(at):
         raise MjframesError(f"{own!r} passes sites only; give one point of the material, or use MuJoCo's <spatial>.")
-    weights, offset = _points(body, at, repr(own))
+    weights, offset = _points(elements.body, at, repr(own))
     rotation, origin = links.pose_in_world(spec.body(name))
     passed, sites, stops = iter(range(len(at))), [], []
     places = []
@@ -335,6 +361,17 @@ def _fibre(spec: mujoco.MjSpec, body: SoftBody, name: str, own: str, fibre: Fibr
         else:
             stops.append(next(passed))
             places.append(rotation @ at[stops[-1]] + origin)
-    length = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+    way = np.diff(places, axis=0)
+    length = np.linalg.norm(way, axis=1)
     config = {"quantity": "length", "stop": encode(np.array(stops))}
-    return Measured(config, weights, offset, length, tuple(sites), len(stops))
+    if elements.body.held or not sites:  # what pulls a free body away is not a load that it can rest under
+        along = way / np.maximum(length, np.finfo(float).tiny)[:, None] @ rotation
+        pull = np.zeros_like(at)
+        for number, stop in enumerate(stops):
+            if stop >= 0:
+                pull[stop] = along[number - 1] * (number > 0) - along[min(number, len(along) - 1)] * (
+                    number < len(along)
+                )
+        nearest = closest_voxels(elements.grid, at)
+        config |= _corrected(elements.body, rest, elements.pull(nearest, at, pull), weights.T @ pull)
+    return Measured(config, weights, offset, float(length.sum()), tuple(sites), len(stops))

@@ -18,6 +18,7 @@ from benchmarks.stability.states import jacobian, move_points
 from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.law_table import LAWS
+from mjframes.scene.plugin_text import decode
 from mjframes.surface.isosurface import kept_surface
 from mjframes.volume.grid import voxel_grid
 
@@ -36,7 +37,7 @@ ANCHORED = ARM.replace('<body name="mocap"', '<site name="post" pos=".1 .1 .1"/>
 
 def slope(model: mujoco.MjModel, data: mujoco.MjData, name: str, way: np.ndarray) -> float:
     """d length / dt of a tendon where qvel is `way`, by differences."""
-    at, total, step = data.qpos.copy(), 0.0, 2e-5
+    at, total, step = data.qpos.copy(), 0.0, 5e-6
     for times, share in STENCIL.items():
         mujoco.mj_integratePos(model, data.qpos, way, times * step)
         mujoco.mj_forward(model, data)
@@ -83,9 +84,10 @@ def test_a_chamber_of_frames_that_do_not_turn_does_the_work_of_its_volume() -> N
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_the_length_of_a_chamber_is_the_volume_inside_the_moved_surface(law: str) -> None:
+def test_lengths_are_those_of_the_moved_points_with_their_correction(law: str) -> None:
     body = hollow_body(5, law)
-    model = actuated(body, BOTH).compile()
+    spec = actuated(body, BOTH)
+    model = spec.compile()
     data = mujoco.MjData(model)
     exact = np.zeros(SHAPE, bool)
     exact[CAVITY] = True
@@ -93,17 +95,26 @@ def test_the_length_of_a_chamber_is_the_volume_inside_the_moved_surface(law: str
     surface = kept_surface(inside, 500)
     rng = np.random.default_rng(1)
     jumble(model, data, rng, 0.0, 0.0)
+    rest = mf.soft(model, data, "bar").control_positions
     assert data.sensor("air").data[0] == pytest.approx(exact.sum() * SPACING**3, rel=1e-6)
-    assert model.tendon_length0[model.tendon("air").id] == pytest.approx(exact.sum() * SPACING**3, rel=1e-5)
+    assert model.tendon_length0[0] == pytest.approx(exact.sum() * SPACING**3, rel=1e-5)
     for _ in range(3):
         jumble(model, data, rng, 0.003, 0.3)
-        view = mf.soft(model, data, "bar", body)
-        a, b, c = (weights_at(body, surface.vertices) @ view.control_positions)[surface.faces].transpose(1, 0, 2)
-        volume = (a * np.cross(b, c)).sum() / 6
-        assert data.sensor("air").data[0] == pytest.approx(volume, rel=1e-10)
-        places = weights_at(body, np.array(LOW)) @ view.control_positions
-        length = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
-        assert data.sensor("cable").data[0] == pytest.approx(length, rel=1e-10)
+        x = mf.soft(model, data, "bar").control_positions
+        a, b, c = (weights_at(body, surface.vertices) @ x)[surface.faces].transpose(1, 0, 2)
+        volume = (a * np.cross(b, c)).sum() / 6 + corrected(spec, "air", x, rest)
+        assert data.sensor("air").data[0] == pytest.approx(volume, rel=1e-9)
+        way = np.diff(weights_at(body, np.array(LOW)) @ x, axis=0)
+        length = np.linalg.norm(way, axis=1).sum() + corrected(spec, "cable", x, rest)
+        assert data.sensor("cable").data[0] == pytest.approx(length, rel=1e-9)
+
+
+def corrected(spec: mujoco.MjSpec, name: str, x: np.ndarray, rest: np.ndarray) -> float:
+    """Σ c (|x_i − x_j| − |x̄_i − x̄_j|)."""
+    config = next(dict(other.config) for other in spec.plugins if other.name == name)
+    i, j = decode(config["pair"]).reshape(-1, 2).T
+    change = np.linalg.norm(x[i] - x[j], axis=1) - np.linalg.norm(rest[i] - rest[j], axis=1)
+    return float(decode(config["pair_slope"]) @ change)
 
 
 def weights_at(body: SoftBody, points: np.ndarray) -> np.ndarray:
@@ -199,6 +210,11 @@ def test_a_servo_a_limit_and_a_spring_act_on_a_volume() -> None:
     assert 1.02 * rest < data.ten_length[0] < 1.2 * rest
 
     spec.actuator("air").set_to_motor()
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 2e3
+    mujoco.mj_step(model, data, nstep=2000)
+    free = data.ten_length[0]
     spec.tendon("air").range = [0, 1.01 * rest]
     spec.tendon("air").limited = True
     spec.tendon("air").solref_limit = [0.004, 1]
@@ -206,7 +222,7 @@ def test_a_servo_a_limit_and_a_spring_act_on_a_volume() -> None:
     data = mujoco.MjData(model)
     data.ctrl[0] = 2e3
     mujoco.mj_step(model, data, nstep=2000)
-    assert data.ten_length[0] == pytest.approx(1.01 * rest, rel=3e-3)
+    assert 1.01 * rest < data.ten_length[0] < 1.01 * rest + 0.3 * (free - 1.01 * rest)
     assert 0 < data.efc_force[0] < 2e3
 
     spec.tendon("air").limited = False
@@ -235,7 +251,7 @@ def test_sealed_gas_keeps_its_constant_over_a_squeeze(exponent: float) -> None:
     view = mf.soft(models[0], datas[0], "bar")
     mujoco.mj_forward(models[0], datas[0])
     x, volume, constants = view.control_positions, [], []
-    for flat in np.linspace(1, 0.5, 11):
+    for flat in np.linspace(1, 0.8, 11):
         move_points(view, x * (1, 1, flat))
         datas[1].qpos[:] = datas[0].qpos
         for model, data in zip(models, datas, strict=True):
@@ -244,7 +260,7 @@ def test_sealed_gas_keeps_its_constant_over_a_squeeze(exponent: float) -> None:
         pressure = ambient + along @ (datas[0].qfrc_passive - datas[1].qfrc_passive) / (along @ along)
         volume.append(datas[0].ten_length[0])
         constants.append(pressure * volume[-1] ** exponent)
-    assert volume[-1] < 0.6 * volume[0]
+    assert 0.3 * volume[0] < volume[-1] < 0.8 * volume[0]
     np.testing.assert_allclose(constants, start * volume[0] ** exponent, rtol=1e-6)
 
 
