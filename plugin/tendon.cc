@@ -18,16 +18,15 @@ namespace {
 int g_slot = -1;  // of this plugin in MuJoCo's registry; written once, at load
 
 constexpr const char* kAttributes[] = {
-    "quantity",      // volume, length or stretch
+    "quantity",      // volume or length
     "weight_size",   // how many control points move each point                    (n)
     "weight_point",  // which                                                      (Σ)
-    "weight",        // W_j [-], or of a stretch m · ∇W_j [1/m]                    (Σ)
+    "weight",        // W_j                                                        (Σ)
     "offset",        // left out where it is zero                              (n × 3)
     "pair",          // control points, left out for none                          (t × 2)
     "pair_slope",    // c_ij                                                       (t)
     "triangle",      // of a volume: three points each, counter-clockwise seen from outside the chamber  (t × 3)
     "stop",          // of a length: points; −1 is the next of the tendon's sites  (s)
-    "voxel_volume",  // of a stretch [m³]                                          (n)
     "gas",           // of a volume: absolute pressure at rest of what is sealed in [Pa]; left out for none
     "ambient",       // with it: pressure around [Pa]
     "exponent",      // with it: γ of p Vᵞ
@@ -58,13 +57,10 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
     reader->Check(!corner.empty() && corner.size() % 3 == 0 && std::all_of(corner.begin(), corner.end(), known) &&
                       *std::min_element(corner.begin(), corner.end()) >= 0,
                   "its triangles are not of its points");
-  } else if (quantity == "length") {
+  } else if (reader->Check(quantity == "length", "quantity has to be 'volume' or 'length'")) {
     model->stop = reader->Array<int32_t>("stop");
     reader->Check(model->stop.size() > 1 && std::all_of(model->stop.begin(), model->stop.end(), known),
                   "its path has less than two stops, or points that it does not have");
-  } else if (reader->Check(quantity == "stretch", "quantity has to be 'volume', 'length' or 'stretch'")) {
-    model->volume = reader->Array<double>("voxel_volume");
-    reader->Check(static_cast<int>(model->volume.size()) == points, "its volumes are not one a point");
   }
   return reader->ok() ? std::move(model) : nullptr;
 }
@@ -239,7 +235,7 @@ void Tendon::Measure(const mjModel* m, mjData* d) {
 double Tendon::Evaluate(const mjModel* m, const mjData* d, const Vec3& origin) {
   if (!corner_.empty()) return Volume();
   std::fill_n(points_.gradient(), 3 * model_->points.padded, 0.0);
-  return stops_.empty() ? Stretch() : Length(m, d, origin);
+  return Length(m, d, origin);
 }
 
 // ∂V/∂p_a is a sixth of the normals, of twice the area, of the triangles at a: what else p_b × p_c has adds up to zero
@@ -315,18 +311,6 @@ double Tendon::Length(const mjModel* m, const mjData* d, const Vec3& origin) {
     pull(stops_[k - 1], (-1 / part) * way);
   }
   return length;
-}
-
-double Tendon::Stretch() {
-  double sum = 0;
-  for (int n = 0; n < model_->points.size; n++) {
-    const Vec3 fibre = points_.Position(n);
-    const double stretch = Norm(fibre);
-    if (!(stretch > mjMINVAL)) continue;
-    sum += model_->volume[n] * stretch;
-    points_.AddGradient(n, (model_->volume[n] / stretch) * fibre);
-  }
-  return sum;
 }
 
 // Where a stop is, from the origin on.

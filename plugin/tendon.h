@@ -1,13 +1,12 @@
-// mjframes.tendon: a volume, a length or a stretch of the material as the length of a MuJoCo tendon, with its Jacobian.
+// mjframes.tendon: a volume or a length in the material as the length of a MuJoCo tendon, with its Jacobian.
 //
 //   V = Σ_abc p_a · (p_b × p_c) / 6        a closed surface of triangles: of a chamber [m³]
 //   L = Σ_k |p_k+1 − p_k|                  a path through material points and sites: of a fibre [m]
-//   S = Σ_n V_n |F_n m_n|                  a field of fibres with directions m at voxels: of a muscle [m³]
 //   … + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|)     so that at rest it pulls as finite elements say (tendon_slopes.py)
 //
-// Points are p = Σ_j W_j x_j, and F m = Σ_j (m · ∇W_j) x_j. With G_j = ∂/∂x_j the Jacobian is Jᵀ G: forces G at the
+// Points are p = Σ_j W_j x_j. With G_j = ∂/∂x_j the Jacobian is Jᵀ G: forces G at the
 // control points, summed over the tree to wrenches and taken along MuJoCo's `cdof`. A force on V is so a pressure [Pa],
-// on L a tension [N], on S a stress [Pa]; the tendon is MuJoCo's own, with all that acts on tendons.
+// on L a tension [N]; the tendon is MuJoCo's own, with all that acts on tendons.
 //
 // MuJoCo finds lengths of tendons in mj_tendon, and next calls plugins where geoms collide: before constraints,
 // transmissions, springs and sensors look at tendons. Each instance has a geom of its own that always collides with
@@ -39,7 +38,6 @@ struct TendonModel {
 
   PointWeights points;
   std::vector<int32_t> triangle;  // of a chamber: three points each, counter-clockwise seen from outside the chamber
-  std::vector<double> volume;     // of a muscle: of its voxels [m³]
   struct Pair {
     int32_t i, j;        // places in points.point
     double slope, rest;  // c [of the tendon's unit by m], distance at rest [m]
@@ -104,7 +102,6 @@ class Tendon {
   double Evaluate(const mjModel* m, const mjData* d, const Vec3& origin);
   double Volume();
   double Length(const mjModel* m, const mjData* d, const Vec3& origin);
-  double Stretch();
   Vec3 Place(const mjData* d, const Vec3& origin, const Stop& stop) const;
   void AddForce(const mjModel* m, const mjData* d, int link, const Vec3& position, const Vec3& force);
   void Draw(const mjModel* m, mjData* d, const Vec3& origin) const;

@@ -1,8 +1,7 @@
-"""Chambers, fibres and muscles of a soft body as MuJoCo's tendons, whose length and Jacobian the plugin supplies.
+"""Chambers and fibres of a soft body as MuJoCo's tendons, whose length and Jacobian the plugin supplies.
 
     V = Σ p_a · (p_b × p_c) / 6     volume of a chamber [m³]: a motor's force on it is a pressure [Pa]
     L = Σ_k |p_k+1 − p_k|           length of a fibre [m]: a tension [N]
-    S = ∫ |F m| dV                  stretch of a muscle's fibres m [m³]: an active stress [Pa]
 
 with p = Σ_j W_j x_j (the paper, equation (3)). MuJoCo's own path of such a tendon is a placeholder: a segment as long
 as V or L at rest, and behind a pulley that divides by 1e12 tiny balls on all bodies that move it, so that the Jacobian
