@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import mjframes as mf
-from examples import elbow, fingertips, flight, grasp, hertz, identify, kernels, knee, lift, modes, steak, taxels
+from examples import elbow, finger, fingertips, flight, grasp, hertz, identify, kernels, knee, lift, modes, steak, taxels
 from mjframes.dm import lifting
 
 ROOT = Path(__file__).parents[1]
@@ -30,7 +30,7 @@ def draw(folder: Path) -> None:
     folder.mkdir()
     for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold, pen_rolls, arm_lifts):
         film(folder)
-    for figure in (modes, kernels, hertz, identify, flight):
+    for figure in (modes, kernels, hertz, identify, flight, finger):
         figure.run(folder)
     with Image.open(
         ROOT / "tests" / "goldens" / "running_rat.png"

@@ -28,6 +28,7 @@ from .scene.scaling import scale as scale
 from .scene.sensors import add_sensor as add_sensor
 from .scene.taxels import TaxelGrid as TaxelGrid, add_taxels as add_taxels
 from .scene.solver import choose_solver as choose_solver
+from .scene.tendons import Chamber as Chamber, Fibre as Fibre
 from .scene.view import Soft as Soft, soft as soft
 from .volume.images import ImageWarning as ImageWarning
 from .volume.material import Material as Material

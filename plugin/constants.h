@@ -172,6 +172,10 @@ inline constexpr int kEdgePoints = 3;                        // between the corn
 inline constexpr int kRimPoints = 16;      // of a cylinder: between them the rim bulges by 2 % of the radius
 inline constexpr int kCapsulePoints = 17;  // at most, along the axis
 
+// Tendons (tendon.h)
+
+inline constexpr double kLeastGas = 1e-2;  // [-] of its volume at rest: gas that is pressed into less keeps its pressure
+
 // Sensors (places.h)
 
 inline constexpr double kDifference = 1e-5;  // [-] of a region's size that points move in a difference: nine digits

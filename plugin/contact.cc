@@ -9,6 +9,7 @@
 #include "linear.h"
 #include "patch_field.h"
 #include "requirements.h"
+#include "tendon.h"
 #include "touch.h"
 #include "world.h"
 
@@ -24,6 +25,10 @@ SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
 }
 
 int CollisionHook(const mjModel* m, mjData* d, mjPreContact* con, int g1, int g2, mjtNum margin) {
+  if (Tendon* tendon = TendonOf(m, d, g2)) {
+    tendon->Measure(m, d);
+    return 0;
+  }
   const SoftSide side[2] = {SideOf(m, d, g1), SideOf(m, d, g2)};
   if (!side[0].body && !side[1].body) {
     return g_original[m->geom_type[g1]][m->geom_type[g2]](m, d, con, g1, g2, margin);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tendon.h"
+
 namespace mjframes {
 namespace {
 
@@ -144,8 +146,8 @@ void Kinematics::FindMovers(const mjModel* m, int instance) {
   motion_.resize(6 * movers_.size());
 }
 
-// Whether neither actuators and tendons, which may have armature, nor the points of another instance add to the movers'
-// entries of M.
+// Whether neither actuators and MuJoCo's own tendons, which may have armature, nor the points of another instance add
+// to the movers' entries of M.
 bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
   std::vector<bool> own(m->nbody, false);  // movers and what hangs on them
   for (const Mover& mover : movers_) own[mover.body] = true;
@@ -158,7 +160,7 @@ bool Kinematics::OwnsInertia(const mjModel* m, int instance) const {
     const bool joint = m->actuator_trntype[i] == mjTRN_JOINT || m->actuator_trntype[i] == mjTRN_JOINTINPARENT;
     if (joint && own[m->jnt_bodyid[m->actuator_trnid[2 * i]]]) return false;
   }
-  return m->ntendon == 0;
+  return CountOwnTendons(m) == 0;
 }
 
 bool Kinematics::IsAbove(int upper, int lower) const {

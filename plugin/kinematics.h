@@ -139,6 +139,9 @@ class Kinematics {
   // them is the mass at and below the lower one, which mj_makeM leaves in d->crb, and nobody else's to change.
   bool replaces() const { return replaces_; }
 
+  // Whether its first mover moves all of it, so that nothing holds it.
+  bool is_free() const { return free_; }
+
   // Whether movers are more than slides along the soft body's axes.
   bool turning() const { return turning_; }
 

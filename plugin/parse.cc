@@ -10,6 +10,7 @@
 #include "constants.h"
 #include "interned.h"
 #include "patch_field.h"
+#include "tendon.h"
 
 namespace mjframes {
 namespace {
@@ -426,7 +427,8 @@ std::shared_ptr<const SoftModel> FindModel(const mjModel* m, int instance, Reade
   key.Add(m->jnt_type, joints).Add(m->jnt_bodyid, joints).Add(m->jnt_axis, 3 * static_cast<size_t>(joints));
   key.Add(m->geom_plugin, m->ngeom).Add(m->geom_bodyid, m->ngeom);
   key.Add(m->actuator_trntype, m->nactuator).Add(m->actuator_trnid, 2 * static_cast<size_t>(m->nactuator));
-  key.Add(&m->ntendon, 1).Add(m->M_rownnz, m->nv).Add(m->M_rowadr, m->nv).Add(m->M_colind, m->nM);
+  const int tendons = CountOwnTendons(m);
+  key.Add(&tendons, 1).Add(m->M_rownnz, m->nv).Add(m->M_rowadr, m->nv).Add(m->M_colind, m->nM);
   return Interned<SoftModel>(key.text(), [&] { return ReadModel(m, instance, reader); });
 }
 

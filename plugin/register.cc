@@ -5,11 +5,13 @@
 #include "contact.h"
 #include "patch_field.h"
 #include "sensor.h"
+#include "tendon.h"
 #include "world.h"
 
 mjPLUGIN_LIB_INIT(mjframes) {
   mjframes::RegisterWorld();
   mjframes::RegisterPatchField();
   mjframes::RegisterSensor();
+  mjframes::RegisterTendon();
   mjframes::InstallCollisionHook();
 }

@@ -7,6 +7,7 @@
 #include "plugin.h"
 #include "requirements.h"
 #include "stack.h"
+#include "tendon.h"
 #include "touch.h"
 
 namespace mjframes {
@@ -44,6 +45,9 @@ World::World(const mjModel* m, std::vector<std::unique_ptr<SoftBody>> bodies)
     touches_ = touches_ || !model.contact.patches.empty();
     dents_ = dents_ || model.contact.makes_dents();
   }
+  for (int instance = 0; instance < m->nplugin; instance++) {
+    if (IsTendon(m, instance)) tendons_.push_back(instance);
+  }
 }
 
 // The kinematic trees whose inertia the soft bodies change.
@@ -68,6 +72,15 @@ std::vector<char> World::ChangedDofs(const mjModel* m) const {
   return changed;
 }
 
+// visit(tendon, its soft body)
+template <typename Visit>
+void World::ForTendons(const mjData* d, const Visit& visit) const {
+  for (const int instance : tendons_) {
+    Tendon* tendon = GetTendon(d, instance);
+    visit(tendon, *Body(tendon->soft()));
+  }
+}
+
 void World::Step(const mjModel* m, mjData* d) {
   const double h = m->opt.timestep;
   const auto awake = [&](const SoftBody& body) { return !body.kinematics().Asleep(m, d); };
@@ -81,6 +94,10 @@ void World::Step(const mjModel* m, mjData* d) {
     body->AddMassBias(m, d);
     body->StoreForce(d);
   }
+  ForTendons(d, [&](Tendon* tendon, const SoftBody& body) {
+    tendon->CheckFlags(m);
+    if (tendon->has_gas() && awake(body)) tendon->AddGas(m, d);
+  });
 
   // inertia: d->M += Jᵀ ((h² + h β) K + h α M + D) J. The step may be called again on the same position: what is added
   // to starts from the rigid inertia each time.
@@ -88,6 +105,9 @@ void World::Step(const mjModel* m, mjData* d) {
     for (const std::unique_ptr<SoftBody>& body : bodies_) {
       if (body->model().changes_inertia && awake(*body)) body->StoreInertia(m, d, consistent);
     }
+    ForTendons(d, [&](Tendon* tendon, const SoftBody& body) {
+      if (tendon->has_gas() && awake(body)) tendon->AddGasInertia(m, d);
+    });
   };
   if (adds_) mj_makeM(m, d);
   store_inertia(true);

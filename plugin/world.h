@@ -51,9 +51,12 @@ class World {
 
   std::vector<bool> ChangedTrees(const mjModel* m) const;
   std::vector<char> ChangedDofs(const mjModel* m) const;
+  template <typename Visit>
+  void ForTendons(const mjData* d, const Visit& visit) const;
 
   std::vector<std::unique_ptr<SoftBody>> bodies_;  // in the order of their instances
   std::vector<SoftBody*> of_instance_;             // by plugin instance
+  std::vector<int> tendons_;                       // plugin instances of the scene's chambers and fibres
   bool adds_ = false;                              // whether any adds to d->M what it does not replace
   bool touches_ = false;                           // whether any has patches
   bool dents_ = false;                             // whether contacts of any make dents

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -26,9 +26,10 @@ from mjframes.scene.links import Pose
 from mjframes.scene.load import changed_masses
 from mjframes.scene.patch_geoms import add_patches, reserve_memory, use_plugin
 from mjframes.scene.patches import ordered_patches
-from mjframes.scene.plugin_text import SEPARATOR, configuration, instance_name
+from mjframes.scene.plugin_text import SEPARATOR, configuration, decode, instance_name
 from mjframes.scene.scaling import add_scaling
 from mjframes.scene.skins import add_skins
+from mjframes.scene.tendons import Chamber, Fibre, add_tendons
 from mjframes.scene.view import Soft, soft
 from mjframes.volume.material import is_number
 
@@ -70,6 +71,7 @@ def attach(
     pos: Sequence[float] = (0.0, 0.0, 0.0),
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     contact: bool | Contact = True,
+    tendons: Mapping[str, Chamber | Fibre] | None = None,
 ) -> Attachment:
     """Put a soft body into a spec.
 
@@ -92,6 +94,9 @@ def attach(
         nothing of the soft body is fixed, this is only where it starts.
     contact
         Whether the soft body collides, or a `Contact` that says how. It never collides with what holds it.
+    tendons
+        Chambers and fibres by name. Each becomes a tendon of that name in the spec, for MuJoCo's actuators, sensors,
+        springs and limits.
 
     Returns
     -------
@@ -101,7 +106,8 @@ def attach(
     Raises
     ------
     MjframesError
-        For a name that cannot be used, for bodies that the spec does not have, and if the plugin cannot be loaded.
+        For a name that cannot be used, for bodies that the spec does not have, for tendons outside the material, and if
+        the plugin cannot be loaded.
 
     Warns
     -----
@@ -137,7 +143,8 @@ def attach(
     order = [carried[c] for c in np.argsort(rank)]
     parameters = contact if isinstance(contact, Contact) else Contact()
     branches = _branches(body, place, name)
-    instance.config = configuration(body, remember(body), order, branches, patches, parameters.dents)
+    config = configuration(body, remember(body), order, branches, patches, parameters.dents)
+    instance.config = config
     if patches:
         add_patches(own, body, carried, bodies, patches, parameters, name)
     if not place.bodies:
@@ -157,6 +164,7 @@ def attach(
         reserve_memory(spec)
     if place.bodies:  # with bones that the soft body's own spec does not have
         add_skins(spec, body, carried, name)
+    add_tendons(spec, body, name, carried, decode(config["point_rest"]).reshape(-1, 3), tendons or {})
     return Attachment(name, body)
 
 

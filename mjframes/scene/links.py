@@ -64,6 +64,16 @@ def pose_in_world(body: mujoco.MjsBody) -> Pose:
     return pose
 
 
+def site_in_world(site: mujoco.MjsSite) -> np.ndarray:
+    """Return where a site is (3,) [m], at the model's reference configuration."""
+    place: Pose = (np.eye(3), np.array(site.pos, float))
+    element = site.frame
+    while element is not None:
+        place = compose(_own_pose(element), place)
+        element = element.frame
+    return compose(pose_in_world(site.parent), place)[1]
+
+
 def compose(outer: Pose, inner: Pose) -> Pose:
     """Return the pose of what `inner` places, placed by `outer`."""
     return outer[0] @ inner[0], outer[0] @ inner[1] + outer[1]

@@ -31,6 +31,7 @@ NAME = "mjframes.soft"
 SENSOR_NAME = "mjframes.sensor"  # in the same library
 FORCE_SENSOR_NAME = "mjframes.force_sensor"
 PATCH_NAME = "mjframes.patch"
+TENDON_NAME = "mjframes.tendon"
 FLAGS_FILE = "compile_flags.txt"  # CMake and clangd read it too
 LIBRARY_VARIABLE = "MJFRAMES_PLUGIN_LIBRARY"  # names a library to use instead, for example one with sanitizers
 

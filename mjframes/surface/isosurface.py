@@ -71,10 +71,10 @@ def extract_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
     return Surface(vertices, faces.astype(np.int32), materials[label])
 
 
-def kept_surface(volume: Volume) -> Surface:
+def kept_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
     """Return `extract_surface`, kept on disk (`base.cache`) until the volume changes."""
-    shape = (volume.labels, volume.spacing, volume.origin, volume.axes)
-    return Surface(**cached("surface", shape, lambda: vars(extract_surface(volume))))
+    shape = (volume.labels, volume.spacing, volume.origin, volume.axes, target_vertices)
+    return Surface(**cached("surface", shape, lambda: vars(extract_surface(volume, target_vertices))))
 
 
 def _fixed(net: Net, vertices: np.ndarray) -> np.ndarray:
