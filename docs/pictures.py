@@ -13,7 +13,21 @@ import numpy as np
 from PIL import Image
 
 import mjframes as mf
-from examples import elbow, finger, fingertips, flight, grasp, hertz, identify, kernels, knee, lift, modes, steak, taxels
+from examples import (
+    elbow,
+    finger,
+    fingertips,
+    flight,
+    grasp,
+    hertz,
+    identify,
+    kernels,
+    knee,
+    lift,
+    modes,
+    steak,
+    taxels,
+)
 from mjframes.dm import lifting
 
 ROOT = Path(__file__).parents[1]

@@ -25,7 +25,7 @@ from scipy.spatial import KDTree
 
 from benchmarks.stability.damage import rewritten
 from mjframes.app import video
-from mjframes.app.drawn import skin_vertices
+from mjframes.app.dented import skin_vertices
 from mjframes.app.log import numbers, write
 from mjframes.app.log.numbers import FIELDS, instants, messages, state_message
 from mjframes.app.log.options import TOPICS, Log

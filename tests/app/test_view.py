@@ -27,7 +27,8 @@ import pytest
 from builders.scenes import FLOOR, compiled, felt_block, lump
 
 from examples.steak import draw_veins
-from mjframes.app.drawn import BANDS, skin_faces, skin_vertices
+from mjframes.app.dented import skin_vertices
+from mjframes.app.drawn import BANDS, skin_faces
 from mjframes.app.view import simulation as clock
 from mjframes.app.view.cameras import FREE, views
 from mjframes.app.view.grip import grip_body, grip_skin

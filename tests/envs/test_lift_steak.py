@@ -54,7 +54,7 @@ def test_many_worlds_are_each_alone_to_the_bit() -> None:
 @pytest.mark.filterwarnings("error")
 def test_touch_is_observed_alike_alone_and_among_others() -> None:
     check_env(gymnasium.make(TOUCH).unwrapped)
-    sizes = [gymnasium.make(name).observation_space.shape[0] for name in (NAME, TOUCH)]
+    sizes = [np.prod(gymnasium.make(name).observation_space.shape or (0,)) for name in (NAME, TOUCH)]
     assert sizes[1] - sizes[0] == 2 * 8 * 12
     alone, together = (
         transitions(gymnasium.make_vec(TOUCH, num_envs=2, vectorization_mode=mode), seed=3)
