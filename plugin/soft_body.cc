@@ -21,6 +21,13 @@ double Extent(const std::vector<ControlPoint>& points) {
   return std::sqrt(sum / points.size());
 }
 
+// Of the law `corotational` alone, where points show all of how a region turns.
+bool Corrects(const ElasticModel& elastic) {
+  const auto plain = [](const Region& region) { return region.solid && region.cells.empty(); };
+  return elastic.quadrature.empty() && !elastic.enlarges &&
+         std::all_of(elastic.regions.begin(), elastic.regions.end(), plain);
+}
+
 // Takes their mean from all.
 void Centre(std::vector<Vec3>* all) {
   Vec3 mean{};
@@ -47,8 +54,7 @@ SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftMod
       elasticity_(model_->elastic, kinematics_.pairs()),
       contact_(m, model_->contact, kinematics_),
       scaling_reader_(scaling),
-      corrects_(model_->implicit && !kinematics_.turning() && model_->elastic.quadrature.empty() &&
-                !model_->elastic.enlarges),
+      corrects_(model_->implicit && !kinematics_.turning() && Corrects(model_->elastic)),
       extent_(Extent(kinematics_.points())),
       elastic_(kinematics_.points().size()),
       added_(elastic_.size()),

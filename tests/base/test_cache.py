@@ -237,7 +237,7 @@ def test_another_number_of_frames_takes_the_same_surface(monkeypatch: pytest.Mon
 
     extracted = []
     original = stages.extract_surface
-    monkeypatch.setattr(stages, "extract_surface", lambda volume: extracted.append(1) or original(volume))
+    monkeypatch.setattr(stages, "extract_surface", lambda *of: extracted.append(1) or original(*of))
     labels = np.ones((12, 6, 4), int)
     volume = Volume.from_labels(labels, 0.01, {1: Material(1e4, 0.4, 1000)})
     two, three = build(volume, 2), build(volume, 3)
