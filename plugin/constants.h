@@ -174,7 +174,8 @@ inline constexpr int kCapsulePoints = 17;  // at most, along the axis
 
 // Tendons (tendon.h)
 
-inline constexpr double kLeastGas = 1e-2;  // [-] of its volume at rest: gas that is pressed into less keeps its pressure
+inline constexpr double kLeastGas =
+    1e-2;  // [-] of its volume at rest: gas that is pressed into less keeps its pressure
 
 // Sensors (places.h)
 
