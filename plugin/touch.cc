@@ -143,10 +143,12 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     const int begin = end;
     end += size;
     other.Distances(vertices, n, begin, end, share);
-    const Vec3 facing = FacingNow(soft.state, soft.number, begin);
-    // what dents deeper than the way out by the geom's side would be pushed along its own side, as friction does
-    for (int s = begin; s < end && Norm(facing) > 0 && !patch.dent.empty(); s++) {
-      if (share[s] < 0 && LiesAlong(facing, other.Normal(Vertex(vertices, n, s)))) share[s] = mjMAXVAL;
+    if (!patch.dent.empty()) {
+      // what dents deeper than the way out by the geom's side would be pushed along its own side, as friction does
+      const Vec3 facing = FacingNow(soft.state, soft.number, begin);
+      for (int s = begin; s < end; s++) {
+        if (share[s] < 0 && LiesAlong(facing, other.Normal(Vertex(vertices, n, s)))) share[s] = mjMAXVAL;
+      }
     }
     const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
     Touch touch = {shared.distance, {}, {}, {}, side, begin, end, 0, 0, {}};
@@ -159,7 +161,8 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(0, square, &touch) || LiesAlong(facing, touch.normal)) continue;
+    if (!Settle(0, square, &touch)) continue;
+    if (LiesAlong(FacingNow(soft.state, soft.number, begin), touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
     MoveToCorner(patch, reach, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < margin) out[count++] = touch;

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 from builders.data import shared
 from builders.pictures import film, share
 
+import mjframes as mf
 from examples.grasp import BLOCK, FLESH, HEIGHT, PEDESTAL, Grasp, lift, run, soft_block, soft_pads
 
 
@@ -32,7 +34,10 @@ def test_what_is_lifted_slips_by_less_than_a_millimetre(
     assert not any(pedestal in contact.geom for contact in grasp.data.contact)
 
 
-def test_without_friction_nothing_is_lifted() -> None:
+@pytest.mark.parametrize("dents", [False, True])
+def test_without_friction_nothing_is_lifted(dents: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fingers dent the block deeper than their ends are away, which must not hold it by these."""
+    monkeypatch.setattr("mjframes.attach", partial(mf.attach, contact=mf.Contact(dents=dents)))
     grasp = soft_block()
     grasp.model.geom_friction[:, 0] = 0.01  # times two fingers of 9 N: less than the block's weight of 0.7 N
     assert lift(grasp) > 0.02

@@ -32,9 +32,11 @@ def run(model: mujoco.MjModel, data: mujoco.MjData, seconds: float) -> None:
         mujoco.mj_step(model, data)
 
 
-def test_a_column_stands_and_rests() -> None:
+@pytest.mark.parametrize("dents", [False, True])
+def test_a_column_stands_and_rests(dents: bool) -> None:
     """4 × 4 × 12 cm; on a base that bulges it fell over."""
-    model, data = compiled(FLOOR.format(option=""), (block((4, 4, 12), 0.01, 1e6, 3), (0, 0, 5e-4), UPRIGHT))
+    placed = (block((4, 4, 12), 0.01, 1e6, 3), (0, 0, 5e-4), UPRIGHT)
+    model, data = compiled(FLOOR.format(option=""), placed, contact=Contact(dents=dents))
     mujoco.mj_forward(model, data)
     start = middles(model, data, 1)
     run(model, data, 10)
@@ -82,7 +84,8 @@ def test_a_block_with_dents_rests_alike_whatever_the_step() -> None:
     depths = []
     for timestep in (0.0005, 0.004):
         option = f'timestep="{timestep}"'
-        model, data = compiled(FLOOR.format(option=option), (block((12, 12, 6), 0.01, 5e4, 1), (0, 0, 2e-4), UPRIGHT))
+        placed = (block((12, 12, 6), 0.01, 5e4, 1), (0, 0, 2e-4), UPRIGHT)
+        model, data = compiled(FLOOR.format(option=option), placed, contact=Contact(dents=True))
         run(model, data, 4)
         assert np.abs(data.qvel).max() < 1e-6
         depths.append(data.contact.dist.mean())
