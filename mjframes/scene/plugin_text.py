@@ -6,6 +6,7 @@ import base64
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import sparse
 
 from mjframes.base.choices import COROTATIONAL
 from mjframes.base.constants import FORMAT_VERSION
@@ -214,6 +215,15 @@ def enlargement(branch: np.ndarray) -> float:
     K ⪯ n blockdiag(K) for n branches, and the step is stable while K ⪯ 4/3 of what is held.
     """
     return max(1.0, 0.75 * len(np.unique(branch)))
+
+
+def weight_attributes(weights: sparse.csr_array) -> dict[str, str]:
+    """Return what the plugin reads of the control weights (n, k) of points, point by point."""
+    return {
+        "weight_size": encode(np.diff(weights.indptr)),
+        "weight_point": encode(weights.indices),
+        "weight": encode(weights.data),
+    }
 
 
 def _contact(body: SoftBody, patches: Sequence[Patch], dents: bool) -> dict[str, str]:

@@ -14,7 +14,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene import plugin
 from mjframes.scene.identity import asset_key
 from mjframes.scene.material_points import MaterialPoints, material_points
-from mjframes.scene.plugin_text import decode, encode, soft_name
+from mjframes.scene.plugin_text import decode, encode, soft_name, weight_attributes
 
 SLACK = 1e-9  # [-] of F: below it is rounding
 
@@ -156,12 +156,7 @@ def place_attributes(at: MaterialPoints) -> dict[str, str]:
         region[group.rows] = group.region
         for row, some in zip(group.rows, group.mode @ group.share, strict=True):
             rise[row] = some.ravel()
-    config = {
-        "region": encode(region),
-        "weight_size": encode(np.diff(weights.indptr)),
-        "weight_point": encode(weights.indices),
-        "weight": encode(weights.data),
-    }
+    config = {"region": encode(region)} | weight_attributes(weights)
     if np.abs(at.offset).max() > 0:
         config["offset"] = encode(at.offset)
     if any(some.any() for some in rise):

@@ -27,7 +27,7 @@ from mjframes.scene import links, plugin
 from mjframes.scene.carriers import Carrier, carrier_of, printable
 from mjframes.scene.material_points import OUTSIDE
 from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
-from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode
+from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode, weight_attributes
 from mjframes.scene.skins import add_skin
 from mjframes.scene.tendon_slopes import Elements, correction
 from mjframes.surface.isosurface import kept_surface
@@ -171,12 +171,7 @@ def _write(spec: mujoco.MjSpec, name: str, own: str, carried: Sequence[Carrier],
     """Add the tendon, its placeholder, its plugin instance and the geoms that have it measured."""
     weights = sparse.csr_array(measured.weights)
     weights.sum_duplicates()
-    config = {
-        **measured.config,
-        "weight_size": encode(np.diff(weights.indptr)),
-        "weight_point": encode(weights.indices),
-        "weight": encode(weights.data),
-    }
+    config = measured.config | weight_attributes(weights)
     if np.abs(measured.offset).max() > ROUNDING * np.ptp([carrier.pose[1] for carrier in carried], axis=0).max():
         config["offset"] = encode(measured.offset)
     spec.activate_plugin(plugin.TENDON_NAME)

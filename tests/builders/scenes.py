@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -349,3 +350,16 @@ def felt_block() -> mujoco.MjModel:
     for quantity in ("pressure", "traction", "pressure_centre"):
         add_taxels(spec, body, "block", grid, quantity)
     return spec.compile()
+
+
+def prefixed(child: mujoco.MjSpec, folder: Path, **options: object) -> list[mujoco.MjModel]:
+    """A scene with another in it, whose names get a prefix: compiled, read from its XML and from a binary file."""
+    scene = mujoco.MjSpec.from_string("<mujoco><worldbody><frame name='place'/></worldbody></mujoco>")
+    for key, value in options.items():
+        setattr(scene.option, key, value)
+    scene.attach(child, prefix="robot_", frame=scene.frame("place"))
+    model = scene.compile()
+    xml, binary = folder / "scene.xml", str(folder / "scene.mjb")
+    xml.write_text(scene.to_xml())
+    mujoco.mj_saveModel(model, binary)
+    return [model, mujoco.MjModel.from_xml_path(str(xml)), mujoco.MjModel.from_binary_path(binary)]

@@ -12,7 +12,7 @@ import pytest
 from builders.lengthwise import LAWS, block, centers
 from builders.linked import ARM, CASES
 from builders.linked import body as bar
-from builders.scenes import FLOOR, beam, distort, jumble, lump
+from builders.scenes import FLOOR, beam, distort, jumble, lump, prefixed
 
 import mjframes as mf
 from mjframes.base.errors import MjframesError
@@ -99,18 +99,7 @@ def test_sensors_survive_prefixes_and_files(tmp_path) -> None:
     body = block()
     child = sensed(body)
     expected = _after_a_while(child.compile())
-    scene = mujoco.MjSpec.from_string("<mujoco><worldbody><frame name='place'/></worldbody></mujoco>")
-    scene.option.timestep = child.option.timestep
-    scene.attach(child, prefix="robot_", frame=scene.frame("place"))
-    model = scene.compile()
-    path = tmp_path / "scene.xml"
-    path.write_text(scene.to_xml())
-    mujoco.mj_saveModel(model, str(tmp_path / "scene.mjb"))
-    for other in (
-        model,
-        mujoco.MjModel.from_xml_path(str(path)),
-        mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb")),
-    ):
+    for other in prefixed(child, tmp_path, timestep=child.option.timestep):
         for name, values in _after_a_while(other).items():
             np.testing.assert_array_equal(values, expected[name.removeprefix("robot_")])
 

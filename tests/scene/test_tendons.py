@@ -11,7 +11,7 @@ import pytest
 from builders.hollow import CAVITY, CENTRE, LOW, SHAPE, SPACING, actuated, hollow, hollow_body, row
 from builders.linked import ARM, CASES
 from builders.linked import body as linked
-from builders.scenes import jumble
+from builders.scenes import jumble, prefixed
 
 import mjframes as mf
 from benchmarks.stability.states import jacobian, move_points
@@ -296,19 +296,8 @@ def test_gas_a_hundred_times_as_stiff_as_the_walls_is_stable(frames: int) -> Non
 def test_they_survive_prefixes_files_and_copies_of_the_scene(tmp_path) -> None:
     child = actuated(hollow_body(), {**BOTH, "tie": mf.Fibre(["post", LOW[2]])}, SITE)
     expected = after_a_while(child.compile())
-    scene = mujoco.MjSpec.from_string("<mujoco><worldbody><frame name='place'/></worldbody></mujoco>")
-    scene.option.gravity = [0, 0, 0]
-    scene.attach(child, prefix="robot_", frame=scene.frame("place"))
-    model = scene.compile()
-    path = tmp_path / "scene.xml"
-    path.write_text(scene.to_xml())
-    mujoco.mj_saveModel(model, str(tmp_path / "scene.mjb"))
-    for other in (
-        model,
-        mujoco.MjModel.from_xml_path(str(path)),
-        mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb")),
-        copy.copy(model),
-    ):
+    model, *others = prefixed(child, tmp_path, gravity=[0, 0, 0])
+    for other in (model, *others, copy.copy(model)):
         np.testing.assert_array_equal(after_a_while(other), expected)
 
 
