@@ -36,6 +36,16 @@ inline constexpr double kUnsureStep = 2;
 // [-] of Zᵀ U. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 inline constexpr double kSingular = 1e-8;
 
+// A step that would make energy (soft_body.h)
+
+// [-] of the points' distance from their middle, which the fastest of them moves in a step: slower bodies are not
+// looked at. A stiff body that turns by 2° in a step makes too little energy to matter.
+inline constexpr double kFastStep = 0.05;
+inline constexpr double kMadeEnergy = 1e-4;    // [-] of elastic and kinetic energy: a tenth of what is told as a gain
+inline constexpr double kLittleEnergy = 1e-2;  // [-] where damping makes more than that, the step of before is taken
+inline constexpr int kCorrections = 8;         // of a step at most; one or two are usual
+inline constexpr double kBetterStep = 0.2;     // [-] a correction that leaves more of what is made calls for damping
+
 // Elasticity, other laws (quadrature.h, hessian.h, laws/law.h)
 
 // [-] of I₁, below which laws whose own f'(0) is not 0 are bent (laws/law.h). At 1.5 no second minimum is left for ν ≥

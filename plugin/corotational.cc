@@ -111,6 +111,7 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   }
   const size_t lanes = kWideLanes * points;
   z.resize(3 * lanes);
+  before.resize(3 * lanes);
   start.resize(3 * lanes);
   moment.resize(27 * lanes);
   product.resize(12 * lanes);

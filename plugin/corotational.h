@@ -101,6 +101,7 @@ void FillLane(const Region& region, const double* stiffness, const double* facto
 struct BatchScratch {
   explicit BatchScratch(const std::vector<RegionBatch>& batches);
   std::vector<double> z;            // Rᵀ x_j centred                          (m × 3 × 8)
+  std::vector<double> before;       // z at other places                       (m × 3 × 8)
   std::vector<double> start;        // K y for the R that the search starts at (m × 3 × 8)
   std::vector<double> moment;       // Σ_k K_jk,ab z_k,s there, entry 9a + 3b + s (m × 27 × 8)
   std::vector<double> product;      // w = ∂W/∂y and U, column by column       (m × 12 × 8)
@@ -117,6 +118,7 @@ struct Wanted {
   double* enlarged = nullptr;   // the same, each region's times its enlargement
   double* energy = nullptr;     // W [J]
   Mat3* rotation = nullptr;     // R of each region, by its number; not added
+  const Vec3* ahead = nullptr;  // places of all points [m]: then the force is that of there, −R Pᵀ ŵ, see soft_body.h
 };
 
 // moduli: one a batch, null for those as built. x: all control points [m].

@@ -369,6 +369,16 @@ MJFRAMES_INLINE void InvertTwist(const V* twist, V* inverse) {
   }
 }
 
+// force −= R w, of a point
+template <typename V>
+MJFRAMES_INLINE void SubtractTurned(const Half<V>& half, int j, const V* R, const V* w, Vec3* force) {
+  const int32_t* point = half.batch.point.data() + kWideLanes * j + half.first;
+  for (int r = 0; r < 3; r++) {
+    const V f = R[3 * r] * w[0] + R[3 * r + 1] * w[1] + R[3 * r + 2] * w[2];
+    for (int lane = 0; lane < kWidth<V>; lane++) force[point[lane]][r] -= f[lane];
+  }
+}
+
 // The torque that the search for R left, which is rounding, is taken from the force as a turn would.
 template <typename V>
 MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse, const BatchScratch& scratch,
@@ -392,11 +402,7 @@ MJFRAMES_INLINE void AddForce(const Half<V>& half, const V* R, const V* inverse,
       w[r] = half.Of(product, 12 * j + r);
       for (int c = 0; c < 3; c++) w[r] -= half.Of(product, 12 * j + 3 * (1 + c) + r) * s[c];
     }
-    const int32_t* point = half.batch.point.data() + kWideLanes * j + half.first;
-    for (int r = 0; r < 3; r++) {
-      const V f = R[3 * r] * w[0] + R[3 * r + 1] * w[1] + R[3 * r + 2] * w[2];
-      for (int lane = 0; lane < kWidth<V>; lane++) force[point[lane]][r] -= f[lane];
-    }
+    SubtractTurned(half, j, R, w, force);
   }
 }
 
@@ -499,6 +505,54 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
   }
 }
 
+// The rotation R of least energy, z for it and the product without cells.
+template <typename V>
+MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, BatchScratch* scratch, V* R) {
+  V closest[9], S[9], A[81], b[9], delta[9], D[9], turned[9];
+  for (int e = 0; e < 9; e++) closest[e] = half.Of(scratch->rotation, e);
+  Unturn(half, x, scratch, closest, S);
+  for (int e = 0; e < 9; e++) half.Put(closest[e], scratch->rotation, e);
+  Multiply(half, scratch, A, b);
+  const auto found = FollowTurn(A, b, delta);
+  for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
+  MulT3(D, S, turned);
+  const auto unfolded = Load<V>(half.batch.solid + half.first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
+  for (int lane = 0; lane < regions; lane++) {
+    if (found[lane] && unfolded[lane] && !half.batch.cells) continue;
+    Search(half, lane, A, b, S, delta, scratch);
+  }
+  for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
+  Mul3(closest, D, R);
+  TurnAll(half, delta, D, scratch);
+}
+
+// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are.
+template <typename V>
+MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R, const Vec3* ahead,
+                                   BatchScratch* scratch, Vec3* force) {
+  V there[9], torque[3] = {};
+  std::copy_n(scratch->z.begin(), 3 * kWideLanes * static_cast<size_t>(half.batch.size), scratch->before.begin());
+  Rotate(half, regions, ahead, scratch, there);
+  if (half.batch.cells) AddCells(half, false, scratch);
+  for (int j = 0; j < half.size; j++) {
+    V z[3], w[3], moment[3];
+    for (int r = 0; r < 3; r++) {
+      z[r] = half.Of(scratch->before.data(), 3 * j + r);
+      w[r] = half.Of(scratch->product.data(), 12 * j + r);
+    }
+    Cross3(z, w, moment);
+    for (int r = 0; r < 3; r++) torque[r] += moment[r];
+  }
+  for (int j = 0; j < half.size; j++) {
+    V w[3];
+    for (int r = 0; r < 3; r++) {
+      w[r] = half.Of(scratch->product.data(), 12 * j + r);
+      for (int c = 0; c < 3; c++) w[r] -= half.Of(scratch->follow.data(), 18 * j + 3 * c + r) * torque[c];
+    }
+    SubtractTurned(half, j, R, w, force);
+  }
+}
+
 template <typename V>
 MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Moduli& moduli, const Vec3* x,
                                 BatchScratch* scratch, const Wanted& wanted) {
@@ -506,36 +560,23 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     const Half<V> half = {batch, moduli, first};
     const int regions = std::min(static_cast<int>(batch.region.size()) - first, kWidth<V>);
     if (regions <= 0) break;  // the last regions do not fill all lanes
-    V R[9], S[9], A[81], b[9], delta[9], D[9], turned[9], twist[9], inverse[9];
-    for (int e = 0; e < 9; e++) R[e] = half.Of(scratch->rotation, e);
-    Unturn(half, x, scratch, R, S);
-    for (int e = 0; e < 9; e++) half.Put(R[e], scratch->rotation, e);
-    Multiply(half, scratch, A, b);
-    const auto found = FollowTurn(A, b, delta);
-    for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
-    MulT3(D, S, turned);
-    const auto unfolded = Load<V>(batch.solid + first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
-    for (int lane = 0; lane < regions; lane++) {
-      if (found[lane] && unfolded[lane] && !batch.cells) continue;
-      Search(half, lane, A, b, S, delta, scratch);
-    }
-    for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
-    Mul3(R, D, turned);
-    TurnAll(half, delta, D, scratch);
+    V R[9], twist[9], inverse[9];
+    Rotate(half, regions, x, scratch, R);
     V energy = {};
     if (wanted.energy) energy = Quadratic(half, *scratch);
     for (int lane = 0; lane < regions; lane++) {
       if (wanted.energy) *wanted.energy += energy[lane] + CellEnergy(half, lane, *scratch);
-      if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(turned, lane);
+      if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(R, lane);
     }
     if (!wanted.force) continue;
-    if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
+    if (batch.cells) AddCells(half, wanted.stiffness || wanted.ahead, scratch);
     Twist(half, *scratch, twist);
     InvertTwist(twist, inverse);
-    AddForce(half, turned, inverse, *scratch, wanted.force);
-    if (!wanted.stiffness) continue;
+    if (!wanted.ahead) AddForce(half, R, inverse, *scratch, wanted.force);
+    if (!wanted.stiffness && !wanted.ahead) continue;
     const V firmer = Follow(half, twist, inverse, scratch);
-    AddStiffness(half, turned, firmer, *scratch, wanted);
+    if (wanted.stiffness) AddStiffness(half, R, firmer, *scratch, wanted);
+    if (wanted.ahead) AddForceAhead(half, regions, R, wanted.ahead, scratch, wanted.force);
   }
 }
 

@@ -90,6 +90,12 @@ void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict forc
   });
 }
 
+void Elasticity::EvaluateAhead(const Vec3* x, const Vec3* ahead, std::vector<Vec3>* force) {
+  std::fill(force->begin(), force->end(), Vec3{});
+  AddRegions(x, {.force = force->data(), .ahead = ahead});
+  for (Vec3& f : *force) f = factor_ * f;
+}
+
 double Elasticity::Energy(const Vec3* x) {
   double energy = 0;
   AddRegions(x, {.energy = &energy});

@@ -335,6 +335,14 @@ const Vec3* Kinematics::BiasAccelerations(const mjModel* m, const mjData* d) {
   return bias_.data();
 }
 
+void Kinematics::Slide(const double* a, std::vector<Vec3>* out) {
+  for (size_t n = 0; n < movers_.size(); n++) {
+    slide_[n] = ToVec3(a + movers_[n].dof);
+    if (movers_[n].parent >= 0) slide_[n] = slide_[n] + slide_[movers_[n].parent];
+  }
+  for (size_t j = 0; j < points_.size(); j++) (*out)[j] = points_[j].mover < 0 ? Vec3{} : slide_[points_[j].mover];
+}
+
 void Kinematics::StoreForce(const std::vector<Vec3>& force, mjData* d) {
   turning_ ? StoreForceOf<6>(force, d) : StoreForceOf<3>(force, d);
 }

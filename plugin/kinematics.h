@@ -90,6 +90,9 @@ class Kinematics {
   // all points but slide along axes at rest, and then null.
   const Vec3* BiasAccelerations(const mjModel* m, const mjData* d);
 
+  // J a of the points, where they only slide.  a: one a degree of freedom.
+  void Slide(const double* a, std::vector<Vec3>* out);
+
   // qfrc_passive += Jᵀ f; force: one a point.
   void StoreForce(const std::vector<Vec3>& force, mjData* d);
 

@@ -16,15 +16,10 @@
 namespace mjframes {
 namespace {
 
-// Whether mj_inverse is at work, which no solver follows. It finds no islands, and marks the stack; where islands are
-// disabled the mark may be another caller's, whose solver then starts where it did the last time.
-bool IsInverse(const mjData* d) { return d->nisland == 0 && d->pbase != 0; }
-
-// Whether a row's island is solved here: of many more rows than degrees of freedom MuJoCo's own factors are the smaller
+// Whether an island is solved here: of many more rows than degrees of freedom MuJoCo's own factors are the smaller
 // ones.
-bool IsTaken(const mjModel* m, const mjData* d, int row) {
+bool IsTaken(const mjModel* m, const mjData* d, int island) {
   const bool parted = d->nisland > 0;
-  const int island = parted ? d->efc_island[row] : 0;
   if (island < 0) return false;  // it moves nothing
   const int rows = parted ? d->island_nefc[island] : d->nefc;
   const int dofs = static_cast<int>(parted ? d->island_nv[island] : m->nv);
@@ -455,11 +450,26 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
 
 }  // namespace
 
+bool IsInverse(const mjData* d) { return d->nisland == 0 && d->pbase != 0; }
+
 bool Starts(const mjModel* m, const mjData* d) {
   if (IsInverse(d)) return false;
   if (m->opt.solver == mjSOL_PGS || (m->opt.disableflags & mjDSBL_WARMSTART)) return false;
   if (d->efm_active) return false;
   return std::none_of(d->efc_type, d->efc_type + d->nefc, [](int type) { return type == mjCNSTR_CONTACT_ELLIPTIC; });
+}
+
+void Foresee(const mjModel* m, mjData* d, bool starts, double* a) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  MarkStack(d);
+  double* smooth = mj_stackAllocNum(d, m->nv);
+  SmoothForce(m, d, smooth);
+  mj_solveM(m, d, a, smooth, 1);
+  FreeStack(d);
+  for (int k = 0; k < m->nv && d->nefc > 0; k++) {
+    const int island = d->nisland > 0 ? d->dof_island[k] : 0;
+    if (island >= 0) a[k] = starts && IsTaken(m, d, island) ? d->qacc_warmstart[k] : kUnknown;
+  }
 }
 
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)
@@ -479,7 +489,7 @@ bool ConstraintRows::Finish(const mjModel* m, mjData* d, const ContactDents* den
       RowGroup group = inertia_.Find(m, d, row, std::min(kLanes, first + together - row));
       const bool sets = row == first && (group.marked || TouchesSoft(m, d, row));
       starts = starts && HasRoom(d, (kLanes + 1) * group.size);
-      const bool keeps = starts && IsTaken(m, d, row);
+      const bool keeps = starts && IsTaken(m, d, d->nisland > 0 ? d->efc_island[row] : 0);
       if (!keeps && !sets) continue;
       group.dof = keeps ? mj_stackAllocInt(d, group.size) : dof_.data();
       group.y = keeps ? mj_stackAllocNum(d, kLanes * group.size) : y_.data();

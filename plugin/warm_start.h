@@ -23,8 +23,17 @@
 
 namespace mjframes {
 
+// Whether mj_inverse is at work, which no solver follows. It finds no islands, and marks the stack; where islands are
+// disabled the mark may be another caller's, whose solver then starts where it did the last time. To be asked before
+// the stack is marked here.
+bool IsInverse(const mjData* d);
+
 // Whether the solver that comes is of the kind that this one is, and starts at d->qacc_warmstart.
 bool Starts(const mjModel* m, const mjData* d);
+
+// The accelerations a (nv) that the step is going to have, after ConstraintRows::Finish; NaN where MuJoCo alone will
+// know.  starts: as there.
+void Foresee(const mjModel* m, mjData* d, bool starts, double* a);
 
 class ConstraintRows {
  public:

@@ -83,6 +83,7 @@ void World::ForTendons(const mjData* d, const Visit& visit) const {
 
 void World::Step(const mjModel* m, mjData* d) {
   const double h = m->opt.timestep;
+  bool fast = false;
   const auto awake = [&](const SoftBody& body) { return !body.kinematics().Asleep(m, d); };
 
   // forces: qfrc_passive += Jᵀ (f − (h + β) K v − α M v − D dJ/dt qvel)
@@ -91,6 +92,7 @@ void World::Step(const mjModel* m, mjData* d) {
     body->Locate(m, d);
     body->AddElasticity(d);
     body->AddDamping(h);
+    fast = body->IsFast(h, d->nefc > 0) || fast;
     body->AddMassBias(m, d);
     body->StoreForce(d);
   }
@@ -109,19 +111,21 @@ void World::Step(const mjModel* m, mjData* d) {
       if (tendon->has_gas() && awake(body)) tendon->AddGasInertia(m, d);
     });
   };
-  if (adds_) mj_makeM(m, d);
-  store_inertia(true);
-
   // factor: d->M = Lᵀ D L. Consistent masses miss how what all of a body hangs on turns it: with points in far places
   // d->M can lose its definiteness. Lumped ones keep it.
-  if (!factor_.Factor(m, d)) {
+  const auto factor = [&] {
+    if (adds_) mj_makeM(m, d);
+    store_inertia(true);
+    if (factor_.Factor(m, d)) return;
     mj_makeM(m, d);
     store_inertia(false);
     factor_.Factor(m, d);
-  }
+  };
+  factor();
 
   // rows: of each contact tᵀ Σ_j ω_j J_j, then the impedance of all for the inertia as it is now, and their forces
   const bool starts = Starts(m, d);
+  fast = fast && !IsInverse(d);
   MarkStack(d);
   ContactDents* dents = nullptr;
   const bool has_room = HasRoom(d, d->ncon * sizeof(ContactDents) / sizeof(mjtNum));
@@ -130,7 +134,20 @@ void World::Step(const mjModel* m, mjData* d) {
   }
   double* lies = HasRoom(d, d->ncon) ? mj_stackAllocNum(d, d->ncon) : nullptr;
   WriteContactRows(m, d, &contact_rows_, dents, lies);
-  const bool dented = rows_.Finish(m, d, dents, lies, starts);
+  bool dented = rows_.Finish(m, d, dents, lies, starts);
+
+  // corrections: of bodies that would make energy in this step, before it is taken
+  double* a = fast && HasRoom(d, 2 * m->nv) ? mj_stackAllocNum(d, m->nv) : nullptr;
+  for (int pass = 0; a && pass < kCorrections; pass++) {
+    bool firmer = false, corrected = false;
+    Foresee(m, d, starts, a);
+    for (const std::unique_ptr<SoftBody>& body : bodies_) {
+      if (awake(*body)) corrected |= body->Correct(m, d, a, &firmer);
+    }
+    if (!corrected) break;
+    if (firmer) factor();
+    dented = rows_.Finish(m, d, dents, lies, starts);
+  }
   FreeStack(d);
   if (dents_ && !told_memory_ && !(has_room && dented)) {
     mju_warning("mjframes: the memory of mjData is too small for the dents of %d contacts: give <size memory> more.",
