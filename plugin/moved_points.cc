@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "simd.h"
+#include "weights.h"
 
 namespace mjframes {
 namespace {
@@ -12,33 +13,24 @@ constexpr int kBlock = 2 * kWideLanes;  // points whose coordinates a processor 
 }  // namespace
 
 void PointWeights::Read(int count, const std::vector<int32_t>& also, Reader* reader) {
-  constexpr char kMismatch[] = "its points are not those of the soft body: attach that again";
-  const auto sizes = reader->Array<int32_t>("weight_size");
-  const auto entry_point = reader->Array<int32_t>("weight_point");
-  const auto entry_weight = reader->Array<double>("weight");
-  const auto offsets = reader->Has("offset") ? reader->Array<double>("offset") : std::vector<double>();
-  point = entry_point;
+  const Weights sparse = ReadWeights(count, reader);
+  point = sparse.point;
   point.insert(point.end(), also.begin(), also.end());
-  const bool known = std::all_of(point.begin(), point.end(), [=](int32_t j) { return j >= 0 && j < count; });
-  const bool match =
-      entry_weight.size() == entry_point.size() && (offsets.empty() || offsets.size() == 3 * sizes.size());
-  if (!reader->Check(known && match && !sizes.empty() && !entry_point.empty(), kMismatch)) return;
+  const bool known = std::all_of(also.begin(), also.end(), [=](int32_t j) { return j >= 0 && j < count; });
+  if (!reader->Check(known && !sparse.point.empty(), "its points are not those of the soft body: attach it again"))
+    return;
   std::sort(point.begin(), point.end());
   point.erase(std::unique(point.begin(), point.end()), point.end());
-  size = static_cast<int>(sizes.size());
+  size = sparse.size();
   padded = (size + kBlock - 1) / kBlock * kBlock;
+  offset = sparse.offset;
   weight.assign(padded * point.size(), 0.0);
-  size_t entry = 0;
   for (int n = 0; n < size; n++) {
-    const size_t end = entry + std::max(sizes[n], 0);
-    if (!reader->Check(end <= entry_point.size(), kMismatch)) return;
-    for (; entry < end; entry++) {
-      const size_t i = std::lower_bound(point.begin(), point.end(), entry_point[entry]) - point.begin();
-      weight[kBlock * (n / kBlock * point.size() + i) + n % kBlock] += entry_weight[entry];
+    for (int32_t entry = sparse.first[n]; entry < sparse.first[n + 1]; entry++) {
+      const size_t i = std::lower_bound(point.begin(), point.end(), sparse.point[entry]) - point.begin();
+      weight[kBlock * (n / kBlock * point.size() + i) + n % kBlock] += sparse.weight[entry];
     }
   }
-  reader->Check(entry == entry_point.size(), kMismatch);
-  for (size_t e = 0; e < offsets.size(); e += 3) offset.push_back(ToVec3(offsets.data() + e));
 }
 
 MovedPoints::MovedPoints(const PointWeights& weights)

@@ -23,55 +23,38 @@ Vec3 Lifted(const Region& region, const std::vector<double>& lift, const Mat3& R
   return Mul(R, sum);
 }
 
-Vec3 Weighted(const Place& place, const std::vector<Vec3>& values) {
-  Vec3 sum{};
-  for (size_t j = 0; j < place.point.size(); j++) sum = sum + place.weight[j] * values[place.point[j]];
-  return sum;
-}
+}  // namespace
 
-Vec3 LocalPosition(const SoftBody& body, const std::vector<Mat3>& rotation, const Place& place) {
+// x of point n in the soft body's own axes.
+Vec3 Places::LocalPosition(const SoftBody& body, const std::vector<Mat3>& rotation, int n) const {
   const std::vector<Vec3>& x = body.kinematics().x();
-  const Vec3 p = Weighted(place, x) + place.offset;
+  const Place& place = places_[n];
+  const Vec3 p = weights_.Position(n, x);
   if (place.lift.empty()) return p;
   return p + Lifted(body.elasticity().FindRegion(place.region), place.lift, rotation[place.region], x.data());
 }
-
-}  // namespace
 
 void Places::Read(Reader* soft, Reader* reader) {
   const size_t k = soft->Array<double>("point_mass").size();
   const auto region_size = soft->Array<int32_t>("region_size");
   const auto region = reader->Array<int32_t>("region");
   const size_t count = region.size();
-  const auto size = reader->Array<int32_t>("weight_size");
-  const auto point = reader->Array<int32_t>("weight_point");
-  const auto weight = reader->Array<double>("weight");
-  const auto offset = reader->ArrayOr<double>("offset", 0, 3 * count);
+  weights_ = ReadWeights(k, reader);
   const bool lifted = reader->Has("rise");
   const auto lift = lifted ? reader->Array<double>("rise") : std::vector<double>();
   // regions of a law at quadrature points have no rotation
-  if (!reader->Check(soft->ok() && size.size() == count && weight.size() == point.size() &&
-                         !(lifted && soft->Has("quadrature_count")),
-                     kMismatch)) {
-    return;
-  }
-  size_t first = 0, of_lift = 0;
-  for (size_t n = 0; n < count; n++) {
-    const int32_t e = region[n];
-    if (!reader->Check(e >= 0 && e < static_cast<int32_t>(region_size.size()) && size[n] >= 0, kMismatch)) return;
-    const size_t end = first + size[n], lift_end = of_lift + (lifted ? 9 * std::max(region_size[e], 0) : 0);
-    if (!reader->Check(end <= point.size() && lift_end <= lift.size(), kMismatch)) return;
-    places_.push_back({e,
-                       {point.begin() + first, point.begin() + end},
-                       {weight.begin() + first, weight.begin() + end},
-                       ToVec3(offset.data() + 3 * n),
-                       {lift.begin() + of_lift, lift.begin() + lift_end}});
-    first = end;
+  const bool fits =
+      soft->ok() && weights_.size() == static_cast<int>(count) && !(lifted && soft->Has("quadrature_count"));
+  if (!reader->Check(fits, kMismatch)) return;
+  size_t of_lift = 0;
+  for (const int32_t e : region) {
+    if (!reader->Check(e >= 0 && e < static_cast<int32_t>(region_size.size()), kMismatch)) return;
+    const size_t lift_end = of_lift + (lifted ? 9 * std::max(region_size[e], 0) : 0);
+    if (!reader->Check(lift_end <= lift.size(), kMismatch)) return;
+    places_.push_back({e, {lift.begin() + of_lift, lift.begin() + lift_end}});
     of_lift = lift_end;
   }
-  const bool known =
-      std::all_of(point.begin(), point.end(), [k](int32_t j) { return j >= 0 && j < static_cast<int32_t>(k); });
-  reader->Check(known && first == point.size() && of_lift == lift.size(), kMismatch);
+  reader->Check(of_lift == lift.size(), kMismatch);
   velocity_.resize(k);
   moved_.resize(k);
   after_.resize(places_.size());
@@ -80,8 +63,8 @@ void Places::Read(Reader* soft, Reader* reader) {
 
 void Places::StorePositions(SoftBody* body, const mjData* d, mjtNum* out) const {
   const std::vector<Mat3>& rotation = body->RegionRotations();
-  for (const Place& place : places_) {
-    const Vec3 p = body->kinematics().PositionToWorld(d, LocalPosition(*body, rotation, place));
+  for (int n = 0; n < weights_.size(); n++) {
+    const Vec3 p = body->kinematics().PositionToWorld(d, LocalPosition(*body, rotation, n));
     out = std::copy(p.begin(), p.end(), out);
   }
 }
@@ -102,9 +85,9 @@ void Places::StoreVelocities(SoftBody* body, const mjModel* m, const mjData* d, 
   Differ(body, x, step, &after_);
   Differ(body, x, -step, &before_);
   const std::vector<Mat3>& rotation = body->RegionRotations();
-  for (size_t n = 0; n < places_.size(); n++) {
-    const Vec3 own = Weighted(places_[n], velocity_) + (0.5 / step) * (after_[n] - before_[n]);
-    const Vec3 v = drift + Cross(spin, Mul(axes, LocalPosition(*body, rotation, places_[n]))) + Mul(axes, own);
+  for (int n = 0; n < weights_.size(); n++) {
+    const Vec3 own = weights_.Sum(n, velocity_) + (0.5 / step) * (after_[n] - before_[n]);
+    const Vec3 v = drift + Cross(spin, Mul(axes, LocalPosition(*body, rotation, n))) + Mul(axes, own);
     out = std::copy(v.begin(), v.end(), out);
   }
 }

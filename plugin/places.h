@@ -16,15 +16,13 @@
 #include "attributes.h"
 #include "linear.h"
 #include "soft_body.h"
+#include "weights.h"
 
 namespace mjframes {
 
 struct Place {
   int32_t region;
-  std::vector<int32_t> point;  // control points that move it
-  std::vector<double> weight;  // W_j
-  Vec3 offset;                 // p̄ − Σ_j W_j x̄_j [m]
-  std::vector<double> lift;    // L, row by row (3 × 3m of its region's control points); none where it is zero
+  std::vector<double> lift;  // L, row by row (3 × 3m of its region's control points); none where it is zero
 };
 
 class Places {
@@ -37,9 +35,11 @@ class Places {
   void StoreVelocities(SoftBody* body, const mjModel* m, const mjData* d, mjtNum* out);
 
  private:
+  Vec3 LocalPosition(const SoftBody& body, const std::vector<Mat3>& rotation, int n) const;
   double Step(const std::vector<Vec3>& x) const;
   void Differ(SoftBody* body, const std::vector<Vec3>& x, double time, std::vector<Vec3>* lifted);
 
+  Weights weights_;  // W
   std::vector<Place> places_;
   std::vector<Vec3> velocity_;        // of the control points, as seen from the holder   (k)
   std::vector<Vec3> moved_;           // control points, a little later or earlier        (k)

@@ -82,14 +82,10 @@ bool IsSameObject(const std::array<int, 2>& a, const std::array<int, 2>& b) {
 }  // namespace
 
 void Taxels::Read(Reader* soft, Reader* reader) {
-  const int points = static_cast<int>(soft->Array<double>("point_mass").size());
   const size_t vertices = soft->Array<double>("lattice_vertex").size() / 3;
   area_ = reader->Array<double>("area");
   const size_t n = area_.size();
-  const auto size = reader->Array<int32_t>("weight_size");
-  point_ = reader->Array<int32_t>("weight_point");
-  weight_ = reader->Array<double>("weight");
-  const auto offset = reader->ArrayOr<double>("offset", 0, 3 * n);
+  weights_ = ReadWeights(soft->Array<double>("point_mass").size(), reader);
   const auto along = reader->Array<double>("along");
   const auto place = reader->Array<double>("place");
   const auto normal = reader->Array<double>("normal");
@@ -101,22 +97,16 @@ void Taxels::Read(Reader* soft, Reader* reader) {
   thickness_ = reader->Number("thickness");
   factor_ = reader->Count("factor", kMaxMaterials) - 1;
   const size_t all = widened_.size();
-  const auto within = [](const std::vector<int32_t>& numbers, int end) {
-    return std::all_of(numbers.begin(), numbers.end(), [end](int32_t i) { return i >= 0 && i < end; });
-  };
-  const bool fits = soft->ok() && n > 0 && size.size() == n && weight_.size() == point_.size() &&
-                    along.size() == 3 * n && all == n + vertex_.size() && place.size() == 3 * all &&
-                    normal.size() == 3 * all && kernel_.size() > 1 && within(point_, points) &&
-                    within(vertex_, static_cast<int>(vertices)) && within(size, points + 1);
+  const bool known = std::all_of(vertex_.begin(), vertex_.end(),
+                                 [=](int32_t i) { return i >= 0 && static_cast<size_t>(i) < vertices; });
+  const bool fits = soft->ok() && n > 0 && weights_.size() == static_cast<int>(n) && known && along.size() == 3 * n &&
+                    all == n + vertex_.size() && place.size() == 3 * all && normal.size() == 3 * all &&
+                    kernel_.size() > 1;
   if (!reader->Check(fits && step_ > 0 && softness_ > 0 && thickness_ > 0, kMismatch)) return;
-  first_.push_back(0);
-  for (const int32_t count : size) first_.push_back(first_.back() + count);
-  if (!reader->Check(first_.back() == static_cast<int32_t>(point_.size()), kMismatch)) return;
   for (size_t t = 0; t < all; t++) {
     rest_.push_back(ToVec3(place.data() + 3 * t));
     normal_.push_back(Fit::Unit(ToVec3(normal.data() + 3 * t)));
     if (t >= n) continue;
-    offset_.push_back(ToVec3(offset.data() + 3 * t));
     along_.push_back(ToVec3(along.data() + 3 * t));
     if (!reader->Check(area_[t] > 0, "area has to be positive")) return;
     mean_area_ += area_[t] / static_cast<double>(n);
@@ -139,9 +129,7 @@ void Taxels::Place(const mjData* d, const SoftBody& body) {
   const Vec3 origin = kinematics.PositionToWorld(d, {});
   const size_t n = area_.size();
   for (size_t t = 0; t < n; t++) {
-    Vec3 p = offset_[t];
-    for (int32_t i = first_[t]; i < first_[t + 1]; i++) p = p + weight_[i] * kinematics.x()[point_[i]];
-    x_[t] = origin + Mul(axes, p);
+    x_[t] = origin + Mul(axes, weights_.Position(static_cast<int>(t), kinematics.x()));
   }
   SurfaceState* state = body.contact().state();
   const std::lock_guard lock(state->mutex);

@@ -28,6 +28,7 @@
 #include "attributes.h"
 #include "linear.h"
 #include "soft_body.h"
+#include "weights.h"
 
 namespace mjframes {
 
@@ -61,10 +62,7 @@ class Taxels {
   void Share(const Load& load, const Fit& fit, int bearing);
 
   // of each taxel
-  std::vector<int32_t> first_;  // of its control points in point_, weight_; and their end
-  std::vector<int32_t> point_;
-  std::vector<double> weight_;
-  std::vector<Vec3> offset_;  // p̄ − Σ_j W_j x̄_j [m]
+  Weights weights_;
   std::vector<Vec3> along_;   // an axis of the surface
   std::vector<double> area_;  // [m²]
   // of each place: taxels, then vertices
