@@ -6,8 +6,8 @@
 //
 //   c_ij = β_i β_j (n_i · n_j) [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)],   G(q) = erf(r / √(2q)) / r,   β² = (1 − ν²) / (πE)
 //
-// Pressed flesh gets firmer: of β² is left what is left of the compliance of an incompressible neo-Hookean block that is
-// squeezed to λ of its thickness t,
+// Pressed flesh gets firmer: of β² is left what is left of the compliance of an incompressible neo-Hookean block that
+// is squeezed to λ of its thickness t,
 //
 //   E ε / σ = 3 λ² / (1 + λ + λ²),   λ = 1 − ε = 1 − (δ + δ')/t
 //
@@ -19,7 +19,7 @@
 //
 //   0 ≤ f ⟂ (C + diag(R / (k imp))) f − δ ≥ 0
 //
-// A row keeps its R, and gets the spring that answers its penetration with f_i. The energy of the dents,
+// A row gets the spring that answers its penetration with f_i. The energy of the dents,
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.

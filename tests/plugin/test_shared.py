@@ -78,7 +78,7 @@ def test_a_second_data_shares_what_the_first_has(make: Callable[[], SoftBody]) -
     growth(rigid, alone)
     own = growth(rigid, alone)
     # what it shares is more: the nodes, their weights, the stiffness; of the last it has a copy for factors of its own
-    assert more - own < 480_000
+    assert more - own < 500_000
     assert growth(copy.copy(model), held) < more + 50_000
     expected = stepped(model, first)
     for data in held[1:]:
