@@ -247,7 +247,7 @@ def test_contact_refuses_what_mujoco_would_not_take(wrong: dict[str, object]) ->
 
 
 def test_soft_bodies_come_less_deep_into_each_other_than_by_the_solref_of_mujoco() -> None:
-    """A heavy block that falls 30 cm onto a light one: at most, and where it comes to rest. Dents do not depend on it."""
+    """A heavy block falls 30 cm onto a light one: at most, and at rest. Without dents, which are not changed by it."""
     light, heavy = block((12, 12, 5), 0.01, 800), block((6, 6, 6), 0.01, 3000)
     deepest = {}
     for contact in (Contact(dents=False), Contact(solref=None, dents=False)):
