@@ -169,13 +169,13 @@ void Soften(mjData* d, const Pressed* pressed, double* C, int n, double* work) {
 // Gives the rows the spring that answers the gap with f; where that is 0, one that starts at the flesh, `left` away.
 // Edges of a pyramid keep their R, and their damping b, which friction shares: with it a spring so much softer would
 // come to rest late. What b is above the spring's critical damping is taken off along the normal, where R is as a mass,
-// but no more than the spring pushes: what hits is stopped as before.
+// as far as it is no faster than that spring would make it: what hits is stopped as before.
 void SetSpring(mjData* d, const Pressed& pressed, double f, double left) {
   const double imp = d->efc_KBIP[4 * pressed.row + 2], b = d->efc_KBIP[4 * pressed.row + 1];
   double pull = f > 0 ? f * d->efc_R[pressed.row] / (pressed.rows * imp) : -pressed.k * left;
   if (f > 0) {
-    const double more = std::max(0.0, b - 2 * std::sqrt(imp * pull / pressed.gap)) * pressed.rate / imp;
-    pull += std::clamp(more, -pull, pull);
+    const double rate = std::sqrt(imp * pull / pressed.gap), most = rate * pressed.gap;
+    pull += std::max(0.0, b - 2 * rate) * std::clamp(pressed.rate, -most, most) / imp;
   }
   for (int r = 0; r < pressed.rows; r++) d->efc_KBIP[4 * (pressed.row + r)] = pull / pressed.gap;
 }
