@@ -96,7 +96,7 @@ def scene(young: Array, post: Post) -> mujoco.MjSpec:
     volume = mf.Volume.from_labels(labels, SPACING / k, materials)
     body = mf.build(volume, post.frames, supports=mf.Fixed(ground), damping=(0.0, 0.01))
     spec = mujoco.MjSpec.from_string(SCENE)
-    mf.attach(spec, body, "post", contact=mf.Contact(dents=True))
+    mf.attach(spec, body, "post")
     return spec
 
 

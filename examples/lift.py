@@ -33,11 +33,11 @@ GOALS = (  # [s], and where the pinch site is to be, from where it grips: across
     (3.8, (0.0, 0.0, 0.0)),
     (6.8, (0.0, 0.0, 0.4)),
 )
-GRIP = 0.068  # [m] along y from the steak's centre of mass: two thirds of the way to the rim
+GRIP = 0.055  # [m] along y from the steak's centre of mass: half of the way to the rim
 NEAREST = 0.06  # [m] to the block's middle: fingers stay clear of it
 HEIGHT = 0.215  # [m] of the pinch site where it grips
 AXES = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])  # of the pinch site: level, a finger above, two below
-TILT = (3.8, 4.8), 0.5  # [s] from when to when, [rad] how far the fingers turn upwards
+TILT = (3.0, 4.2), 0.9  # [s] from when to when, [rad] how far the fingers turn upwards
 CLOSE = (2.2, 1.0)  # [s] when, [rad/s] how fast the fingers close
 GAIN = 4.0  # [1/s] at which errors of the hand's pose decay
 HELD = 1.0  # [s] at the end of an episode that is looked at

@@ -90,7 +90,7 @@ def finger_and_pen() -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(SCENE)
     volume = mf.Volume.load(MODEL)
     tip = mf.build(volume, FRAMES, supports=mf.Fixed(volume.labels == PLATE), damping=(0.0, 0.003))
-    contact = mf.Contact(friction=(FRICTION,), solref=(0.006, 1.0), priority=1, dents=True)
+    contact = mf.Contact(friction=(FRICTION,), solref=(0.006, 1.0), priority=1)
     mf.attach(spec, tip, "tip", "hand", quat=(0, 1, 0, 0), contact=contact)  # upside down: its y is the world's −y
     grid = mf.TaxelGrid((0, 0, TOP), (0, 0, 1), SIZE, SHAPE, along=(0, -1, 0))
     for quantity in ("traction", "resultant", "pressure_centre"):

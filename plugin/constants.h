@@ -161,10 +161,12 @@ inline constexpr double kPressure = 0.405;
 inline constexpr double kDentEdge = 0.5;
 // [-] of the variance of points on a punch's edges: that of the pressure below it, (½ − 4/π²) a² for a quarter.
 inline constexpr double kEdgePressure = 0.5;
-inline constexpr int kDentSweeps = 4;       // there and back
-inline constexpr int kMostSoftened = 64;    // contacts, of which the inverse of C is made
-inline constexpr double kNearPlace = 1e-6;  // [-] erf(x)/x is 2/√π to rounding
-inline constexpr double kFarDent = 12;      // [-] r²/q beyond which erf(r/√(2q)) is 1 to 5e-4: no dent reaches there
+inline constexpr int kDentSweeps = 4;     // there and back
+inline constexpr int kMostSoftened = 64;  // contacts, of which the inverse of C is made
+// erf(x)/x is looked up, between 0 and where erf is 1 to 2e-8.
+inline constexpr int kErfPlaces = 128;
+inline constexpr double kErfStep = 1.0 / 32;
+inline constexpr double kFarDent = 12;  // [-] r²/q beyond which erf(r/√(2q)) is 1 to 5e-4: no dent reaches there
 
 // Contact: rigid geoms (geom_distance.h, hull.h, height_field.h, geom_features.h)
 

@@ -284,6 +284,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
     if (dents) dents[c] = TouchDents(side, *touch);
     if (lies) lies[c] = touch->lies;
   }
+  if (dents) Squeeze(m, d, dents);
 }
 
 }  // namespace mjframes

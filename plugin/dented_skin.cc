@@ -8,6 +8,7 @@
 #include <mujoco/mujoco.h>
 
 #include <algorithm>
+#include <vector>
 
 #include "contact.h"
 #include "linear.h"
@@ -20,18 +21,23 @@ using namespace mjframes;
 extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjModel* m, const mjData* d, int instance,
                                                                        float* vertex, int count) {
   TouchSearch search(m, d);
+  std::vector<ContactDents> all(d->ncon);
+  for (int c = 0; c < d->ncon; c++) {
+    const bool touches = d->contact[c].efc_address >= 0 && search.Find(c) && search.touch();
+    if (touches) all[c] = TouchDents(search.side(), *search.touch());
+  }
+  Squeeze(m, d, all.data());
   int dented = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
-    if (contact.efc_address < 0 || !search.Find(c) || !search.touch()) continue;
+    const ContactDents& dents = all[c];
     for (int s = 0; s < 2; s++) {
-      if (SoftInstanceOf(m, contact.geom[s]) != instance) continue;
-      const ContactDents dents = TouchDents(search.side(), *search.touch());
+      if (!(dents.side[s].softness > 0) || SoftInstanceOf(m, contact.geom[s]) != instance) continue;
       mjtNum force[6];
       mj_contactForce(m, d, c, force);
       // after mj_step1 alone there are forces of no meaning: none makes a dent deeper than the contact
       const double push = std::min(force[0], -contact.dist / DentOfForce(dents, dents.side[s], 0));
-      if (!(dents.side[s].softness > 0) || !(push > 0)) continue;
+      if (!(push > 0)) continue;
       const Vec3 out = (s == 0 ? 1 : -1) * ToVec3(contact.frame);   // the normal points to the second geom
       const Vec3 centre = dents.centre - 0.5 * contact.dist * out;  // where the surface is without the dent
       dented++;

@@ -20,17 +20,43 @@ struct Pressed {
   double k;                // of MuJoCo's own spring, as it takes it from solref [1/s²]
   double spring;           // k imp / R of it [N/m]
   double gap;              // δ [m]
+  double rate;             // of what the normal row measures, where rows of friction share its damping [m/s]
 };
+
+// erf(x) / x, and its slope, at places kErfStep apart; beyond the last, erf is 1. Written once, at load.
+struct ErfTable {
+  double value[kErfPlaces + 1], slope[kErfPlaces + 1];
+
+  ErfTable() {
+    for (int i = 0; i <= kErfPlaces; i++) {
+      const double x = i * kErfStep, gauss = 2 * std::numbers::inv_sqrtpi * std::exp(-x * x);
+      value[i] = i > 0 ? std::erf(x) / x : gauss;
+      slope[i] = i > 0 ? (gauss - value[i]) / x : 0;
+    }
+  }
+
+  // By the cubic with these values and slopes, within 2e-8 of it.
+  double At(double x) const {
+    const double place = x / kErfStep;
+    const int i = static_cast<int>(std::min(place, double{kErfPlaces}));
+    if (i == kErfPlaces) return 1 / x;
+    const double u = place - i, rise = value[i + 1] - value[i];
+    const double first = kErfStep * slope[i] - rise, last = rise - kErfStep * slope[i + 1];
+    return value[i] + u * (rise + (1 - u) * ((1 - u) * first + u * last));
+  }
+};
+
+const ErfTable g_erf;
+
+// G(q) [1/m]
+double Spread(double r, double q) {
+  const double unit = 1 / std::sqrt(2 * q);
+  return unit * g_erf.At(unit * r);
+}
 
 // [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)] at distance r [1/m]
 double Kernel(double r, double s, double square) {
-  const double q[3] = {s, s + square, s + 2 * square};
-  double value[3];
-  for (int i = 0; i < 3; i++) {
-    const double x = r / std::sqrt(2 * q[i]);
-    value[i] = x > kNearPlace ? std::erf(x) / r : std::sqrt(2 / (std::numbers::pi * q[i]));
-  }
-  return value[0] - 2 * value[1] + value[2];
+  return Spread(r, s) - 2 * Spread(r, s + square) + Spread(r, s + 2 * square);
 }
 
 // c of two contacts [m/N].
@@ -52,6 +78,29 @@ double Compliance(const mjData* d, const ContactDents* dents, const Pressed& p, 
   return sum;
 }
 
+// Which way is out of side s of a contact.
+Vec3 Outward(const mjContact& contact, int s) { return (s == 0 ? 1 : -1) * ToVec3(contact.frame); }
+
+// How deep contacts press the flesh that is opposite of side s of a contact [m].
+double DepthOpposite(const mjModel* m, const mjData* d, const ContactDents* dents, int number, int s) {
+  const Vec3 out = Outward(d->contact[number], s);
+  const int body = SoftInstanceOf(m, d->contact[number].geom[s]);
+  const double square = dents[number].side[s].width * dents[number].side[s].width;
+  double depth = 0;
+  for (int c = 0; c < d->ncon; c++) {
+    for (int o = 0; o < 2; o++) {
+      if (!(dents[c].side[o].softness > 0)) continue;
+      const double opposed = -Dot(out, Outward(d->contact[c], o));
+      if (!(opposed > 0)) continue;
+      const Vec3 offset = dents[c].centre - dents[number].centre;
+      const double along = Dot(offset, out), apart = Dot(offset, offset) - along * along;
+      if (!(apart < square) || SoftInstanceOf(m, d->contact[c].geom[o]) != body) continue;
+      depth = std::max(depth, -opposed * (1 - apart / square) * d->contact[c].dist);
+    }
+  }
+  return depth;
+}
+
 // k, which the rows have no more when this stage comes again on the same ones.
 double Stiffness(const mjModel* m, const mjContact& contact) {
   const double most = std::clamp(contact.solimp[1], mjMINIMP, mjMAXIMP);
@@ -62,6 +111,16 @@ double Stiffness(const mjModel* m, const mjContact& contact) {
   return 1 / std::max(mjMINVAL, period * period);
 }
 
+// J v of a row.
+double Rate(const mjModel* m, const mjData* d, int row) {
+  if (!mj_isSparse(m)) return mju_dot(d->efc_J + static_cast<size_t>(row) * m->nv, d->qvel, static_cast<int>(m->nv));
+  double sum = 0;
+  for (int e = d->efc_J_rowadr[row], end = e + d->efc_J_rownnz[row]; e < end; e++) {
+    sum += d->efc_J[e] * d->qvel[d->efc_J_colind[e]];
+  }
+  return sum;
+}
+
 // The contact as one that is pressed; false where it is not, or makes no dent.
 bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int number, Pressed* pressed) {
   const mjContact& contact = d->contact[number];
@@ -69,7 +128,8 @@ bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int num
   if (row < 0 || !(dents.side[0].softness > 0 || dents.side[1].softness > 0)) return false;
   const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), spring = k * d->efc_KBIP[4 * row + 2] * rows / d->efc_R[row];
-  *pressed = {number, row, rows, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row]};
+  *pressed = {number, row, rows, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
+  for (int r = 0; r < rows && rows > 1; r++) pressed->rate += Rate(m, d, row + r) / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);
   }
@@ -90,6 +150,7 @@ void Solve(const Pressed* pressed, const double* C, int n, double* f) {
 // Lets rows whose friction does not go with their R along the normal give way as fast as dents may. A pyramid would
 // creep where they do: R of its edges is that of friction, too. C becomes its factor; work: memory (2n).
 void Soften(mjData* d, const Pressed* pressed, double* C, int n, double* work) {
+  if (std::all_of(pressed, pressed + n, [](const Pressed& one) { return one.rows > 1; })) return;
   if (mju_cholFactor(C, n, std::numeric_limits<double>::min()) < n) return;
   double *unit = work, *column = work + n;
   for (int i = 0; i < n; i++) {
@@ -106,9 +167,16 @@ void Soften(mjData* d, const Pressed* pressed, double* C, int n, double* work) {
 }
 
 // Gives the rows the spring that answers the gap with f; where that is 0, one that starts at the flesh, `left` away.
+// Edges of a pyramid keep their R, and their damping b, which friction shares: with it a spring so much softer would
+// come to rest late. What b is above the spring's critical damping is taken off along the normal, where R is as a mass,
+// as far as it is no faster than that spring would make it: what hits is stopped as before.
 void SetSpring(mjData* d, const Pressed& pressed, double f, double left) {
-  const double imp = d->efc_KBIP[4 * pressed.row + 2];
-  const double pull = f > 0 ? f * d->efc_R[pressed.row] / (pressed.rows * imp) : -pressed.k * left;
+  const double imp = d->efc_KBIP[4 * pressed.row + 2], b = d->efc_KBIP[4 * pressed.row + 1];
+  double pull = f > 0 ? f * d->efc_R[pressed.row] / (pressed.rows * imp) : -pressed.k * left;
+  if (f > 0) {
+    const double rate = std::sqrt(imp * pull / pressed.gap), most = rate * pressed.gap;
+    pull += std::max(0.0, b - 2 * rate) * std::clamp(pressed.rate, -most, most) / imp;
+  }
   for (int r = 0; r < pressed.rows; r++) d->efc_KBIP[4 * (pressed.row + r)] = pull / pressed.gap;
 }
 
@@ -118,6 +186,18 @@ double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance
   const double s = kPressure * dents.variance, square = flesh.width * flesh.width;
   if (distance * distance > kFarDent * (s + 2 * square)) return 0;
   return flesh.softness * flesh.softness * Kernel(distance, s, square);
+}
+
+void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents) {
+  for (int c = 0; c < d->ncon; c++) {
+    for (int s = 0; s < 2; s++) {
+      Dent& dent = dents[c].side[s];
+      if (!(dent.softness > 0) || !(d->contact[c].dist < 0)) continue;
+      const double depth = DepthOpposite(m, d, dents, c, s) - d->contact[c].dist;
+      const double left = std::max(0.0, 1 - depth / dent.thickness);
+      dent.softness *= left * std::sqrt(3 / (1 + left + left * left));
+    }
+  }
 }
 
 bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents) {

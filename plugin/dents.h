@@ -6,7 +6,12 @@
 //
 //   c_ij = β_i β_j (n_i · n_j) [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)],   G(q) = erf(r / √(2q)) / r,   β² = (1 − ν²) / (πE)
 //
-// with β² less by 1 − δ/t where the flesh is t thick: a pressed sheet does not give way for ever.
+// Pressed flesh gets firmer: of β² is left what is left of the compliance of an incompressible neo-Hookean block that
+// is squeezed to λ of its thickness t,
+//
+//   E ε / σ = 3 λ² / (1 + λ + λ²),   λ = 1 − ε = 1 − (δ + δ')/t
+//
+// where δ' is how deep something presses on the other side: fingers that pinch a sheet do not meet in it.
 //
 // The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own
 // spring of a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are
@@ -14,7 +19,7 @@
 //
 //   0 ≤ f ⟂ (C + diag(R / (k imp))) f − δ ≥ 0
 //
-// A row keeps its R, and gets the spring that answers its penetration with f_i. The energy of the dents,
+// A row gets the spring that answers its penetration with f_i. The energy of the dents,
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
@@ -32,7 +37,7 @@ namespace mjframes {
 struct Dent {
   double width = 0;      // ℓ [m]
   double softness = 0;   // β [1/√Pa]; 0 where nothing gives way
-  double thickness = 0;  // of the body [m]; what is as deep as that gives way no more
+  double thickness = 0;  // of the body [m]; what is squeezed by as much gives way no more
 };
 
 // Of a contact.
@@ -41,6 +46,9 @@ struct ContactDents {
   double variance;  // of that along the surface [m²]
   Dent side[2];     // of each geom
 };
+
+// Makes the flesh of all contacts firmer where these press it deep.
+void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents);
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.
 // False, and nothing is set, where mjData's memory is too small.

@@ -143,9 +143,9 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     const int begin = end;
     end += size;
     other.Distances(vertices, n, begin, end, share);
-    if (!patch.dent.empty()) {
+    const Vec3 facing = FacingNow(soft.state, soft.number, begin);
+    if (!patch.dent.empty() && Norm(facing) > 0) {
       // what dents deeper than the way out by the geom's side would be pushed along its own side, as friction does
-      const Vec3 facing = FacingNow(soft.state, soft.number, begin);
       for (int s = begin; s < end; s++) {
         if (share[s] < 0 && LiesAlong(facing, other.Normal(Vertex(vertices, n, s)))) share[s] = mjMAXVAL;
       }
@@ -162,7 +162,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
     if (!Settle(0, square, &touch)) continue;
-    if (LiesAlong(FacingNow(soft.state, soft.number, begin), touch.normal)) continue;
+    if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
     MoveToCorner(patch, reach, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < margin) out[count++] = touch;
@@ -430,8 +430,7 @@ ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
     }
     const size_t cluster = patch.ClusterOf(vertex);
     Dent& dent = dents.side[s] = patch.dent[cluster];
-    const double room = 1 + std::min(0.0, touch.distance) / dent.thickness;
-    dent.softness *= std::sqrt(std::max(0.0, room) / side[s].body->scaling().stiffness[patch.factor[cluster]]);
+    dent.softness /= std::sqrt(side[s].body->scaling().stiffness[patch.factor[cluster]]);
     spacing = std::max(spacing, patch.volume.spacing);
   }
   const double least = spacing * spacing / 12;  // of what a vertex stands for

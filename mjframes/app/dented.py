@@ -22,7 +22,7 @@ def draw_dents(model: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScen
     """Let the skins of soft bodies in a scene show the dents of their contacts.
 
     Call it between `update_scene` and `render` of a `mujoco.Renderer`. Films, stills, logs and the viewer of mjframes
-    call it themselves. It does nothing for contacts without dents, and where no contact has been computed.
+    call it themselves. It does nothing for contacts with `dents=False`, and where no contact has been computed.
 
     Parameters
     ----------

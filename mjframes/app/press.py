@@ -193,8 +193,8 @@ class _Press:
             notes += told
         if hertz is not None and mean[-1] > STIFF * hertz[-1]:
             notes.append(
-                "frames make no dents smaller than their distance: contacts with dents (mjframes build --dents, "
-                "mf.Contact(dents=True)) are softer here, and so is a body of more frames."
+                "the contact is stiffer than Hertz says: its dents are off (mf.Contact(dents=False)), or the body "
+                "has too few voxels or frames for so small a ball."
             )
         return Pressed(binned, mean, hertz, held, tuple(notes))
 

@@ -68,7 +68,7 @@ def _build(arguments: argparse.Namespace) -> int:
 
     start = time.perf_counter()
     console = Console(stderr=True)
-    contact = Contact(dents=True) if arguments.dents else arguments.contact
+    contact = Contact(dents=False) if arguments.no_dents else arguments.contact
     with replacing(output, "the output") as partial, console.status("reading") as status:
         built = any(map(is_soft_body, arguments.volume))
         body = _loaded(arguments) if built else _built(arguments, status.update)

@@ -94,7 +94,9 @@ def _add_scene(command: argparse._ActionsContainer) -> None:
     touching = command.add_mutually_exclusive_group()
     touching.add_argument("--no-contact", dest="contact", action="store_false", help="a scene without contact")
     touching.add_argument(
-        "--dents", action="store_true", help="let the flesh below a contact give way as finite elements say"
+        "--no-dents",
+        action="store_true",
+        help="contacts as stiff as the frames: faster, too stiff where something presses",
     )
     command.add_argument(
         "--pieces",

@@ -65,7 +65,7 @@ class Contact:
     contype: int = 1
     conaffinity: int = 1
     priority: int | None = None
-    dents: bool = False
+    dents: bool = True
 
     def __post_init__(self) -> None:
         for name, length in LENGTHS.items():

@@ -15,7 +15,7 @@ from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
 SCENE = """<mujoco><worldbody><body pos="0.0025 0.0025 .0205"><joint type="slide" axis="0 0 1" damping="1"/>
-  <geom type="box" size=".01 .01 .01" mass="1.5" condim="1"/></body></worldbody></mujoco>"""
+  <geom type="box" size=".01 .01 .01" mass=".9" condim="1"/></body></worldbody></mujoco>"""
 
 
 def pressed(dents: bool) -> tuple[mujoco.MjModel, mujoco.MjData]:

