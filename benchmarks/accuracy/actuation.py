@@ -28,7 +28,8 @@ from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
 from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
-from mjframes.scene.tendons import Chamber, Fibre, Muscle
+from mjframes.scene.muscles import Muscle
+from mjframes.scene.tendons import Fibre
 from mjframes.scene.view import soft
 from mjframes.volume.grid import voxel_grid
 from mjframes.volume.material import Material
@@ -92,7 +93,7 @@ def cantilever_case(across: int = 6) -> Case:
     edge = size / across
     labels = np.ones((5 * across + 2, across, across), np.uint8)
     labels[-1] = 2
-    materials = {1: Material(2e5, 0.4, 1000), 2: Material(2e8, 0.4, 1000)}
+    materials = {1: Material(2e5, 0.4, 1000), 2: Material(2e7, 0.4, 1000)}
     volume = Volume.from_labels(labels, edge, materials)
     low = edge  # [m] above the lower side
     x = (np.arange(len(labels)) + 0.5) * edge

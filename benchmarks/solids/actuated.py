@@ -23,11 +23,11 @@ from mjframes.base.errors import MjframesError
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array, Array], tuple[Array, Array]]  # F (…, 3, 3), λ, μ → P (…, 3, 3), ∂P/∂F (…, 3, 3, 3, 3)
 
-TOLERANCE = 1e-5  # [-] of the residual, to the forces on the nodes
+TOLERANCE = 1e-4  # [-] of the residual, to the forces on the nodes
 CLOSE = 1e-3  # [-] of the residual of linear systems
 ITERATIONS = 20  # of Newton's method
 BLOCK = 64  # [bricks] at a time: what is known of them stays in the processor's caches
-INCREMENT = 0.25  # of the forces, at most
+INCREMENT = 0.5  # of the forces, at most
 EYE = np.eye(3)
 
 
