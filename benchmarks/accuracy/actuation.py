@@ -9,6 +9,7 @@ the law that the body has, and once more of neo-Hooke's, which says what the law
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from benchmarks.solids.actuated import LAWS, Law, equilibria
 from benchmarks.solids.bricks import Bricks, at_points, bricks
-from benchmarks.solids.lengths import Field, Length, Path as CablePath, walls
+from benchmarks.solids.lengths import Field, Length, walls
+from benchmarks.solids.lengths import Path as CablePath
 from benchmarks.tables import screen, show, table_of, write_table
 from examples import finger
 from mjframes.body.build import build
@@ -36,6 +38,7 @@ from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
 Array = NDArray[np.float64]
+Row = tuple[Any, ...]  # of COLUMNS
 
 TABLE = Path(__file__).with_suffix(".csv")
 COLUMNS = ("body", "force", "unit", "frames", "tip", "reference", "neo_hooke", "mesh")  # tips [m]
@@ -98,7 +101,7 @@ def cantilever_case(across: int = 6) -> Case:
     low = edge  # [m] above the lower side
     x = (np.arange(len(labels)) + 0.5) * edge
     points = np.column_stack([x, np.full_like(x, size / 2), np.full_like(x, low)])
-    path = CablePath(points * (1, 0, 1), share=0.5)
+    path = CablePath(np.column_stack([x, 0 * x, np.full_like(x, low)]), share=0.5)
     pull = 2e5 * size**4 / 12 * np.radians(45) / ((size / 2 - low) * 5 * size)  # EI θ / (e L) [N]
     forces = tuple(float(-share * pull) for share in (0.02, 0.5, 1.0))
     return Case("cantilever", volume, Fibre(list(points)), lambda mesh: path, forces, "N")
@@ -164,7 +167,7 @@ def simulated(case: Case, frames: int, law: str) -> Array:
     return np.array(found)
 
 
-def measured(case: Case, law: str, refine: bool, progress: Callable[[str], None]) -> list[tuple[Any, ...]]:
+def measured(case: Case, law: str, refine: bool, progress: Callable[[str], None]) -> list[Row]:
     """Return the rows of a case."""
     progress(f"{case.name}: finite elements")
     exact = reference(case, LAWS[law], case.forces)[:, case.axis]
@@ -184,25 +187,37 @@ def measured(case: Case, law: str, refine: bool, progress: Callable[[str], None]
     return rows
 
 
-def main(argv: Sequence[str] | None = None) -> None:
+def kept(path: Path) -> dict[str, list[Row]]:
+    """Return the rows of a table from earlier, by body."""
+    found: dict[str, list[Row]] = {}
+    if path.is_file():
+        with path.open(encoding="utf-8") as file:
+            for name, force, unit, frames, *values in list(csv.reader(file))[1:]:
+                found.setdefault(name, []).append((name, float(force), unit, int(frames), *map(float, values)))
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m benchmarks.accuracy.actuation", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--only", metavar="BODY", help="the one body to measure")
+    parser.add_argument("--only", metavar="BODY", help="the one body to measure; the rows of others stay")
     parser.add_argument("--no-refined", action="store_true", help="leave the refined finite elements out")
     parser.add_argument("--table", type=Path, default=TABLE, help="file to write (default: that of the clone)")
     arguments = parser.parse_args(argv)
     console = screen()
-    rows = []
+    rows = kept(arguments.table)
     for case in cases():
         if arguments.only in (None, case.name):
-            rows += measured(case, "corotational", not arguments.no_refined, console.print)
+            rows[case.name] = measured(case, "corotational", not arguments.no_refined, console.print)
+            write_table(arguments.table, COLUMNS, [row for known in cases() for row in rows.get(known.name, [])])
     table = table_of("Tip at rest", "force", "frames", "tip [mm]", "elements", "tip/elements", "neo-Hooke", "mesh")
-    for name, force, unit, frames, tip, exact, other, mesh in rows:
+    shown = [arguments.only] if arguments.only else rows
+    for name, force, unit, frames, tip, exact, other, mesh in (row for body in shown for row in rows.get(body, [])):
         table.add_row(
             name, f"{force:g} {unit}", str(frames), f"{1e3 * tip:.4f}", f"{1e3 * exact:.4f}", f"{tip / exact:.3f}",
             f"{other / exact:.3f}", f"{mesh:+.1%}",
         )  # fmt: skip
     show(console, table)
-    write_table(arguments.table, COLUMNS, rows)
+    return 0
 
 
 if __name__ == "__main__":

@@ -94,7 +94,8 @@ def equilibria(
     for goal in shares:
         last = known[-1][0]
         for share in np.linspace(last, goal, 1 + int(np.ceil((goal - last) / INCREMENT)))[1:]:
-            known = [*known[-2:], (float(share), _equilibrium(mesh, low, law, pulls, float(share), _ahead(known, share)))]
+            moved = _equilibrium(mesh, low, law, pulls, float(share), _ahead(known, float(share)))
+            known = [*known[-2:], (float(share), moved)]
         found.append(known[-1][1])
     return found
 
@@ -118,7 +119,7 @@ def _equilibrium(
         for length, force in pulls:
             _, slope, curvature = length.at(mesh, moved)
             outer += share * force * slope
-            tangent = tangent - share * force * curvature
+            tangent = sparse.csr_array(tangent - share * force * curvature)
         residual = (outer - inner).ravel()[moving]
         if np.linalg.norm(residual) < TOLERANCE * np.linalg.norm(outer):
             return moved

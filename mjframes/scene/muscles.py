@@ -2,9 +2,9 @@
 
     M = ∫ |F f| dV ≈ Σ_s V_s |p_b − p_a| / h,   E = σ M        f: unit direction at rest; σ: active stress [Pa]
 
-A force on M is minus σ: the fibres pull with a first Piola stress σ (F f / |F f|) fᵀ. With slopes d_j = f · ∇W_j, F f is
-Σ_j d_j x_j. Voxels whose slopes are alike share a sample, whose d_j are their mean: where F f is the same in all of a
-sample nothing is lost. Its two points have the weights W_j ± h/2 d_j, so that p_b − p_a is h F f.
+A force on M is minus σ: the fibres pull with a first Piola stress σ (F f / |F f|) fᵀ. With slopes d_j = f · ∇W_j,
+F f is Σ_j d_j x_j. Voxels whose slopes are alike share a sample, whose d_j are their mean: where F f is the same in all
+of a sample nothing is lost. Its two points have the weights W_j ± h/2 d_j, so that p_b − p_a is h F f.
 Index letters: v voxel; s sample; j control point.
 """
 
@@ -101,13 +101,15 @@ def fibres(grid: Grid, own: str, muscle: Muscle) -> tuple[NDArray[np.int64], NDA
         direction = direction[tuple(grid.index[voxels].T)]
     elif direction.shape != (3,):
         raise MjframesError(
-            f"direction of {own!r} has the shape {np.shape(muscle.direction)}; give a vector (3,), or one for each voxel "
-            f"of the volume, {(*shape, 3)}."
+            f"direction of {own!r} has the shape {np.shape(muscle.direction)}; give a vector (3,), or one for each "
+            f"voxel of the volume, {(*shape, 3)}."
         )
     direction = np.broadcast_to(direction, (len(voxels), 3))
     size = np.linalg.norm(direction, axis=1)
     if not (np.isfinite(size) & (size > 0)).all():
-        raise MjframesError(f"direction of {own!r} has no length in some of its voxels; give vectors that are not zero.")
+        raise MjframesError(
+            f"direction of {own!r} has no length in some of its voxels; give finite vectors that are not zero."
+        )
     return voxels.astype(np.int64), direction / size[:, None]
 
 
@@ -137,7 +139,8 @@ def segments(
     weights, offset = sparse.csr_array(mean @ points.weights), mean @ points.offset
     order = np.arange(2 * len(count)).reshape(2, -1).T.ravel()  # from all a and all b to pairs
     ends = sparse.csr_array(sparse.vstack([weights - change, weights + change]))[order]
-    return Segments(ends, np.concatenate([offset - shift, offset + shift])[order], count * grid.cell_volume)
+    volume = np.asarray(count * grid.cell_volume, np.float64)
+    return Segments(ends, np.concatenate([offset - shift, offset + shift])[order], volume)
 
 
 def _alike(slope: NDArray[np.float64], most: int) -> NDArray[np.int64]:

@@ -127,7 +127,7 @@ def test_the_table_in_the_clone_has_what_the_command_measures() -> None:
     with actuation.TABLE.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == actuation.COLUMNS
-    expected = [(case, frames, force) for case in actuation.cases() for frames in actuation.FRAMES for force in case.forces]
+    expected = [(case, n, force) for case in actuation.cases() for n in actuation.FRAMES for force in case.forces]
     assert len(rows) == len(expected)
     for row, (case, frames, force) in zip(rows, expected, strict=True):
         assert (row["body"], int(row["frames"]), row["unit"]) == (case.name, frames, case.unit)

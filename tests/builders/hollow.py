@@ -6,9 +6,9 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from builders.scenes import jumble
 
 import mjframes as mf
-from builders.scenes import jumble
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.plugin_text import decode
 

@@ -8,7 +8,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from builders.hollow import SHAPE, SPACING, actuated, check_virtual_work, corrected, hollow, hollow_body, row
+from builders.hollow import SHAPE, SPACING, actuated, check_virtual_work, corrected, hollow_body, row
 from builders.linked import ARM, CASES
 from builders.linked import body as linked
 from builders.scenes import jumble
