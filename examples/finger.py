@@ -66,7 +66,7 @@ def tips(model: mujoco.MjModel, body: mf.SoftBody, pressures: Sequence[float]) -
     start, found = view.positions(end), []
     for pressure in pressures:
         data.ctrl[0] = pressure
-        mujoco.mj_step(model, data, nstep=1500)
+        mujoco.mj_step(model, data, nstep=3000)
         mujoco.mj_forward(model, data)
         found.append((view.positions(end) - start).mean(axis=0))
     return np.array(found), data
