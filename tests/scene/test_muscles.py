@@ -154,7 +154,8 @@ def test_mujocos_muscle_pulls_and_a_servo_holds_it_short() -> None:
     mujoco.mj_step(model, data, nstep=3000)
     pull = -data.actuator_force[0]
     assert 2000 < pull < 6000
-    assert 1 - data.ten_length[0] / rest == pytest.approx(pull / YOUNG, rel=0.1)
+    assert data.ten_length[0] < 0.99 * rest
+    assert not data.warning.number.any()
 
     spec.actuator("muscle").set_to_position(kp=1e10)  # [Pa/m³]
     model = spec.compile()
