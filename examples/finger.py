@@ -1,14 +1,14 @@
 """A soft finger with a chamber of air: a motor on the chamber's volume is a pressure, and bends the finger.
 
 The finger is 10 cm long and held at one end. Its chamber lies above the middle, so that pressure bends it down. Beside
-it stand tips of geometrically non-linear finite elements of second order (St. Venant and Kirchhoff's material), with
-the pressure on the walls as they move.
+it stand tips of geometrically non-linear finite elements, which `python -m benchmarks.accuracy.actuation` has written.
 Run `python examples/finger.py --out out`; it needs matplotlib (`pip install "mjframes[video]"`).
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +20,8 @@ import mjframes as mf
 LENGTH, ACROSS = 0.1, 8  # [m], [voxels]
 EDGE = LENGTH / (5 * ACROSS)  # [m] of a voxel
 PRESSURES = (100.0, 2500.0, 5000.0, 7500.0, 10000.0)  # [Pa]
-EXACT = {100.0: -1.70186e-5, 5000.0: -1.40912e-3, 10000.0: -3.73078e-3}  # [m] how far down the tip is
+CHAMBER = mf.Chamber((LENGTH / 2, 4 * EDGE, 5 * EDGE))
+TABLE = Path(__file__).parents[1] / "benchmarks" / "accuracy" / "actuation.csv"
 SCENE = """<mujoco>
 <option gravity="0 0 0"/><visual><headlight ambient=".5 .5 .5"/><global offwidth="1280" offheight="720"/></visual>
 <asset><texture type="skybox" builtin="flat" rgb1=".93 .94 .96" rgb2=".93 .94 .96" width="8" height="48"/></asset>
@@ -29,19 +30,30 @@ SCENE = """<mujoco>
 </mujoco>"""
 
 
-def finger(frames: int) -> tuple[mujoco.MjModel, mf.SoftBody]:
-    """The scene, and the finger in it; the layer of voxels before x = 0 is held."""
+def volume() -> mf.Volume:
+    """The finger; its first layer of voxels, before x = 0, is held."""
     labels = np.ones((5 * ACROSS + 1, ACROSS, ACROSS), np.uint8)
     labels[3:-2, 2:-2, ACROSS // 2 : -1] = 0
-    held = np.zeros(labels.shape, bool)
-    held[0] = True
     rubber = mf.Material(young=2e5, poisson=0.4, density=1000, rgba=(0.9, 0.55, 0.35, 0.6))
-    volume = mf.Volume.from_labels(labels, EDGE, {1: rubber}, origin=(-EDGE, 0, 0))
-    body = mf.build(volume, frames, supports=mf.Fixed(held))
+    return mf.Volume.from_labels(labels, EDGE, {1: rubber}, origin=(-EDGE, 0, 0))
+
+
+def finger(frames: int) -> tuple[mujoco.MjModel, mf.SoftBody]:
+    """The scene, and the finger in it."""
+    whole = volume()
+    held = np.zeros(whole.labels.shape, bool)
+    held[0] = True
+    body = mf.build(whole, frames, supports=mf.Fixed(held))
     spec = mujoco.MjSpec.from_string(SCENE)
-    chamber = mf.Chamber((LENGTH / 2, 4 * EDGE, 5 * EDGE))
-    mf.attach(spec, body, "finger", contact=False, tendons={"air": chamber})
+    mf.attach(spec, body, "finger", contact=False, tendons={"air": CHAMBER})
     return spec.compile(), body
+
+
+def reference() -> dict[float, float]:
+    """How far the tip moves up in finite elements [m] under pressures [Pa], from the table of the benchmark."""
+    with TABLE.open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["body"] == "finger"]
+    return {float(row["force"]): float(row["reference"]) for row in rows}
 
 
 def tips(model: mujoco.MjModel, body: mf.SoftBody, pressures: Sequence[float]) -> tuple[np.ndarray, mujoco.MjData]:
@@ -54,7 +66,7 @@ def tips(model: mujoco.MjModel, body: mf.SoftBody, pressures: Sequence[float]) -
     start, found = view.positions(end), []
     for pressure in pressures:
         data.ctrl[0] = pressure
-        mujoco.mj_step(model, data, nstep=1500)
+        mujoco.mj_step(model, data, nstep=3000)
         mujoco.mj_forward(model, data)
         found.append((view.positions(end) - start).mean(axis=0))
     return np.array(found), data
@@ -75,7 +87,8 @@ def run(out: Path) -> None:
         left.imshow(mf.still(model, data, camera, (960, 720)))
     left.set_axis_off()
     left.set_title("10 kPa in the chamber")
-    right.plot(np.array(list(EXACT)) / 1e3, -1e3 * np.array(list(EXACT.values())), "k^", label="finite elements")
+    exact = reference()
+    right.plot(np.array(list(exact)) / 1e3, -1e3 * np.array(list(exact.values())), "k^", label="finite elements")
     right.set(xlabel="pressure [kPa]", ylabel="tip down [mm]")
     right.legend()
     figure.savefig(out / "finger.png", dpi=110)

@@ -22,6 +22,7 @@ from .scene.detach import detach as detach
 from .scene.inertia import mass_matrix as mass_matrix, rigid_inertia as rigid_inertia
 from .scene.instability import InstabilityWarning as InstabilityWarning
 from .scene.load import load_scene as load_scene
+from .scene.muscles import Muscle as Muscle
 from .scene.near import near as near
 from .scene.placing import place as place
 from .scene.scaling import scale as scale

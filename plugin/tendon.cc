@@ -27,6 +27,7 @@ constexpr const char* kAttributes[] = {
     "pair_slope",    // c_ij                                                       (t)
     "triangle",      // of a volume: three points each, counter-clockwise seen from outside the chamber  (t × 3)
     "stop",          // of a length: points; −1 is the next of the tendon's sites  (s)
+    "share",         // of a length: of each part between stops, left out where all are 1  (s − 1)
     "gas",           // of a volume: absolute pressure at rest of what is sealed in [Pa]; left out for none
     "ambient",       // with it: pressure around [Pa]
     "exponent",      // with it: γ of p Vᵞ
@@ -61,6 +62,7 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
     model->stop = reader->Array<int32_t>("stop");
     reader->Check(model->stop.size() > 1 && std::all_of(model->stop.begin(), model->stop.end(), known),
                   "its path has less than two stops, or points that it does not have");
+    if (reader->Has("share")) model->share = reader->ArrayOr<double>("share", 1, model->stop.size() - 1);
   }
   return reader->ok() ? std::move(model) : nullptr;
 }
@@ -302,13 +304,16 @@ double Tendon::Length(const mjModel* m, const mjData* d, const Vec3& origin) {
     if (stop.point >= 0) return points_.AddGradient(stop.point, force);
     AddForce(m, d, stop.link, ToVec3(d->site_xpos + 3 * stop.site), force);
   };
+  const std::vector<double>& shares = model_->share;
   for (size_t k = 1; k < stops_.size(); k++) {
+    const double share = shares.empty() ? 1 : shares[k - 1];
+    if (share == 0) continue;
     const Vec3 way = Place(d, origin, stops_[k]) - Place(d, origin, stops_[k - 1]);
     const double part = Norm(way);
     if (!(part > mjMINVAL)) continue;
-    length += part;
-    pull(stops_[k], (1 / part) * way);
-    pull(stops_[k - 1], (-1 / part) * way);
+    length += share * part;
+    pull(stops_[k], (share / part) * way);
+    pull(stops_[k - 1], (-share / part) * way);
   }
   return length;
 }
@@ -326,7 +331,8 @@ void Tendon::AddForce(const mjModel* m, const mjData* d, int link, const Vec3& p
 
 // A fibre through its stops, others not at all, in place of MuJoCo's own path, which has as many places or more.
 void Tendon::Draw(const mjModel* m, mjData* d, const Vec3& origin) const {
-  const int first = d->ten_wrapadr[tendon_], count = std::min<int>(stops_.size(), m->tendon_num[tendon_]);
+  const int first = d->ten_wrapadr[tendon_];
+  const int count = model_->share.empty() ? std::min<int>(stops_.size(), m->tendon_num[tendon_]) : 0;
   d->ten_wrapnum[tendon_] = count;
   for (int k = 0; k < count; k++) {
     const Vec3 at = Place(d, origin, stops_[k]) + origin;

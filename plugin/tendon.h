@@ -1,7 +1,8 @@
 // mjframes.tendon: a volume or a length in the material as the length of a MuJoCo tendon, with its Jacobian.
 //
 //   V = Σ_abc p_a · (p_b × p_c) / 6        a closed surface of triangles: of a chamber [m³]
-//   L = Σ_k |p_k+1 − p_k|                  a path through material points and sites: of a fibre [m]
+//   L = Σ_k s_k |p_k+1 − p_k|              a path through material points and sites, s = 1: of a fibre [m];
+//                                          or pairs of points: of a muscle [m³] (muscles.py)
 //   … + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|)     so that at rest it pulls as finite elements say (tendon_slopes.py)
 //
 // Points are p = Σ_j W_j x_j. With G_j = ∂/∂x_j the Jacobian is Jᵀ G: forces G at the
@@ -44,6 +45,7 @@ struct TendonModel {
   };
   std::vector<Pair> pairs;
   std::vector<int32_t> stop;  // of a fibre: points, −1 for the next of the tendon's sites
+  std::vector<double> share;  // s_k of a muscle; none where all are 1
 };
 
 class Tendon {

@@ -35,6 +35,7 @@ class Bricks:
     free: (N,) whether a node may move.
     size: (3,) of a brick [m].
     lam, mu: (c,) [Pa].
+    mirrored: whether it is half of a body, the other half its mirror image in the plane y = 0.
     """
 
     order: int
@@ -46,13 +47,14 @@ class Bricks:
     size: Array
     lam: Array
     mu: Array
+    mirrored: bool = False
 
     @cached_property
     def rule(self) -> tuple[Array, Array]:
         """Return ∇N_a (q, a, 3) [1/m] and dV (q,) [m³] at Gauss's points: exact for affine bricks of this order."""
         x, w = np.polynomial.legendre.leggauss(self.order + 1)
         x, w = (x + 1) / 2, w / 2
-        value, slope = _lagrange(self.order, x)
+        value, slope = lagrange(self.order, x)
         points = len(x)
         gradient = np.empty((points**3, (self.order + 1) ** 3, 3))
         for d in range(3):
@@ -68,10 +70,13 @@ class Bricks:
     @property
     def moving(self) -> NDArray[np.bool_]:
         """Return which degrees of freedom (3N,) may move."""
-        return np.repeat(self.free, 3)
+        moving = np.repeat(self.free, 3)
+        if self.mirrored:
+            moving[1::3] &= self.nodes[:, 1] > 0
+        return moving
 
 
-def bricks(grid: Grid, fixed: NDArray[np.bool_], order: int, split: int) -> Bricks:
+def bricks(grid: Grid, fixed: NDArray[np.bool_], order: int, split: int, mirrored: bool = False) -> Bricks:
     """Return the bricks of a grid; fixed: (n,) the voxels that do not move."""
     index = grid.index.astype(np.int64) - grid.index.min(axis=0)
     part = np.stack(np.meshgrid(*(np.arange(split),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -95,6 +100,7 @@ def bricks(grid: Grid, fixed: NDArray[np.bool_], order: int, split: int) -> Bric
         size=size,
         lam=grid.lam[voxel],
         mu=grid.mu[voxel],
+        mirrored=mirrored,
     )
 
 
@@ -129,9 +135,31 @@ def nodal_mass(mesh: Bricks, mass: Array) -> Array:
 def at_centers(mesh: Bricks, moved: Array) -> Array:
     """Return (n, 3) nodal values `moved` (N, 3) at the centres of the voxels."""
     half = mesh.split // 2
-    value, _ = _lagrange(mesh.order, np.array([mesh.split / 2 - half]))
+    value, _ = lagrange(mesh.order, np.array([mesh.split / 2 - half]))
     chosen = mesh.element[half * (mesh.split**2 + mesh.split + 1) :: mesh.split**3]
     return np.einsum("a,vai->vi", _tensor(value, value, value)[0], moved[chosen])
+
+
+def at_points(mesh: Bricks, points: Array) -> sparse.csr_array:
+    """Return the shape functions (n, N) at points (n, 3) of the material, from the mesh's first corner [m]."""
+    cells = np.round(mesh.nodes[mesh.element[:, 0]] / mesh.size).astype(np.int64)
+    extent = tuple(cells.max(axis=0) + 1)
+    brick = np.full(extent, -1)
+    brick[tuple(cells.T)] = np.arange(len(cells))
+    place = points / mesh.size
+    cell = np.clip(np.floor(place).astype(np.int64), 0, np.array(extent) - 1)
+    value = np.ones((len(points), 1))
+    for axis in range(3):
+        one = lagrange(mesh.order, place[:, axis] - cell[:, axis])[0]
+        value = (value[:, :, None] * one[:, None, :]).reshape(len(points), -1)
+    chosen = mesh.element[brick[tuple(cell.T)]]
+    rows = np.repeat(np.arange(len(points)), chosen.shape[1])
+    return sparse.csr_array((value.ravel(), (rows, chosen.ravel())), shape=(len(points), len(mesh.nodes)))
+
+
+def deformations(mesh: Bricks, moved: Array, some: slice | Nodes) -> Array:
+    """Return F (e, q, 3, 3) of some bricks where the nodes are `moved` (N, 3) [m]."""
+    return np.eye(3) + np.einsum("eai,qak->eqik", moved[mesh.element[some]], mesh.rule[0], optimize=True)
 
 
 def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Array, sparse.csr_array | None]:
@@ -180,8 +208,8 @@ def assembled(mesh: Bricks, blocks: Array) -> sparse.csr_array:
     return sparse.csr_array(sparse.coo_array((blocks.ravel(), at), shape=(size, size)))
 
 
-def _lagrange(order: int, x: Array) -> tuple[Array, Array]:
-    """(q, a) Lagrange's polynomials on evenly spaced nodes of [0, 1], and their derivatives, at x (q,)."""
+def lagrange(order: int, x: Array) -> tuple[Array, Array]:
+    """Return Lagrange's polynomials (q, a) on evenly spaced nodes of [0, 1], and their derivatives, at x (q,)."""
     nodes = np.linspace(0, 1, order + 1)
     value, slope = np.empty((2, len(x), order + 1))
     for a, node in enumerate(nodes):
@@ -199,6 +227,6 @@ def _tensor(x: Array, y: Array, z: Array) -> Array:
 def _mean_of_shapes(order: int) -> Array:
     """(a,) mean of each shape function over its brick."""
     x, w = np.polynomial.legendre.leggauss(order + 1)
-    value, _ = _lagrange(order, (x + 1) / 2)
+    value, _ = lagrange(order, (x + 1) / 2)
     mean = (w / 2) @ value
     return _tensor(*(mean[None],) * 3)[0]

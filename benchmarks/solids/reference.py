@@ -150,8 +150,10 @@ def preconditioner(matrix: sparse.csr_array, mesh: Bricks) -> LinearOperator:
         raise MjframesError(
             'the report needs pyamg, which is not installed; pip install "mjframes[report]".'
         ) from error
-    smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
-    blocks = sparse.bsr_matrix(sparse.csr_matrix(matrix), blocksize=(3, 3))
+    blocks = sparse.csr_matrix(matrix)
+    if not mesh.mirrored:  # then a node moves along all of its axes, or along none
+        blocks = sparse.bsr_matrix(blocks, blocksize=(3, 3))
+    smoother = ("gauss_seidel" if mesh.mirrored else "block_gauss_seidel", {"sweep": "symmetric"})
     motions = rigid_motions(mesh.nodes, mesh.nodes.mean(axis=0), size_of(mesh.nodes))[mesh.moving]
     grids = pyamg.smoothed_aggregation_solver(blocks, B=motions, presmoother=smoother, postsmoother=smoother)
     return grids.aspreconditioner()

@@ -24,6 +24,7 @@ from mjframes.scene.contact import Contact
 from mjframes.scene.identity import remember
 from mjframes.scene.links import Pose
 from mjframes.scene.load import changed_masses
+from mjframes.scene.muscles import Muscle
 from mjframes.scene.patch_geoms import add_patches, reserve_memory, use_plugin
 from mjframes.scene.patches import ordered_patches
 from mjframes.scene.plugin_text import SEPARATOR, configuration, decode, instance_name
@@ -71,7 +72,7 @@ def attach(
     pos: Sequence[float] = (0.0, 0.0, 0.0),
     quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
     contact: bool | Contact = True,
-    tendons: Mapping[str, Chamber | Fibre] | None = None,
+    tendons: Mapping[str, Chamber | Fibre | Muscle] | None = None,
 ) -> Attachment:
     """Put a soft body into a spec.
 
@@ -95,8 +96,8 @@ def attach(
     contact
         Whether the soft body collides, or a `Contact` that says how. It never collides with what holds it.
     tendons
-        Chambers and fibres by name. Each becomes a tendon of that name in the spec, for MuJoCo's actuators, sensors,
-        springs and limits.
+        Chambers, fibres and muscles by name. Each becomes a tendon of that name in the spec, for MuJoCo's actuators,
+        sensors, springs and limits.
 
     Returns
     -------

@@ -26,6 +26,7 @@ from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links, plugin
 from mjframes.scene.carriers import Carrier, carrier_of, printable
 from mjframes.scene.material_points import OUTSIDE
+from mjframes.scene.muscles import Muscle, fibres, segments
 from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
 from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode, weight_attributes
 from mjframes.scene.skins import add_skin
@@ -146,7 +147,7 @@ def add_tendons(
     name: str,
     carried: Sequence[Carrier],
     rest: np.ndarray,
-    tendons: Mapping[str, Chamber | Fibre],
+    tendons: Mapping[str, Chamber | Fibre | Muscle],
 ) -> None:
     """Add the tendons of a soft body that is in the spec.
 
@@ -162,8 +163,10 @@ def add_tendons(
             measured = _chamber(spec, elements, name, own, carried, rest, kind)
         elif isinstance(kind, Fibre):
             measured = _fibre(spec, elements, name, own, rest, kind)
+        elif isinstance(kind, Muscle):
+            measured = _muscle(elements, own, rest, kind)
         else:
-            raise MjframesError(f"tendons[{own!r}] is a {type(kind).__name__}; give a Chamber or a Fibre.")
+            raise MjframesError(f"tendons[{own!r}] is a {type(kind).__name__}; give a Chamber, a Fibre or a Muscle.")
         _write(spec, name, own, carried, measured)
 
 
@@ -369,3 +372,22 @@ def _fibre(spec: mujoco.MjSpec, elements: Elements, name: str, own: str, rest: n
         nearest = closest_voxels(elements.grid, at)
         config |= _corrected(elements.body, rest, elements.pull(nearest, at, pull), weights.T @ pull)
     return Measured(config, weights, offset, float(length.sum()), tuple(sites), len(stops))
+
+
+def _muscle(elements: Elements, own: str, rest: np.ndarray, muscle: Muscle) -> Measured:
+    """∫ |F f| dV of a field of fibres."""
+    body, grid = elements.body, elements.grid
+    voxels, along = fibres(grid, own, muscle)
+    taken = segments(body, rest, grid, voxels, along, muscle.samples)
+    way = np.diff((taken.weights @ rest + taken.offset).reshape(-1, 2, 3), axis=1)
+    length = np.linalg.norm(way, axis=2, keepdims=True)
+    pull = taken.volume[:, None, None] * way / length**2
+    share = np.zeros(2 * len(length) - 1)
+    share[::2] = taken.volume / length.ravel()
+    config = {"quantity": "length", "stop": encode(np.arange(2 * len(length))), "share": encode(share)}
+    width = grid.spacing.min()
+    ends = [grid.points(voxels) + sign / 2 * width * along for sign in (-1, 1)]
+    force = grid.cell_volume / width * along
+    wanted = elements.pull(np.tile(voxels, 2), np.concatenate(ends), np.concatenate([-force, force]))
+    config |= _corrected(body, rest, wanted, taken.weights.T @ np.concatenate([-pull, pull], axis=1).reshape(-1, 3))
+    return Measured(config, taken.weights, taken.offset, float(taken.volume.sum()))

@@ -6,14 +6,17 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from builders.scenes import jumble
 
 import mjframes as mf
 from mjframes.body.soft_body import SoftBody
+from mjframes.scene.plugin_text import decode
 
 SHAPE, SPACING = (24, 7, 8), 0.005
 CAVITY = (slice(3, 21), slice(2, 5), slice(4, 7))
 CENTRE = (0.06, 0.0175, 0.0275)  # a point of the cavity [m]
 LOW = [(x, 0.0175, 0.006) for x in (0.004, 0.03, 0.06, 0.09, 0.116)]  # a path along the side that is far from it
+STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # of a slope, to the fourth order
 EMPTY_SPACE = "<mujoco><option gravity='0 0 0'/><worldbody/></mujoco>"
 
 
@@ -32,7 +35,7 @@ def hollow_body(frames: int = 5, law: str = "corotational", held: bool = True, t
 
 
 def actuated(
-    body: SoftBody, tendons: dict[str, mf.Chamber | mf.Fibre], xml: str = EMPTY_SPACE, contact: bool = False
+    body: SoftBody, tendons: dict[str, mf.Chamber | mf.Fibre | mf.Muscle], xml: str = EMPTY_SPACE, contact: bool = False
 ) -> mujoco.MjSpec:
     """A scene with the body, a motor and a sensor of the length on each tendon."""
     spec = mujoco.MjSpec.from_string(xml)
@@ -51,3 +54,36 @@ def row(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> np.ndarray:
     entries = slice(model.ten_J_rowadr[tendon], model.ten_J_rowadr[tendon] + model.ten_J_rownnz[tendon])
     dense[model.ten_J_colind[entries]] = data.ten_J[entries]
     return dense
+
+
+def slope(model: mujoco.MjModel, data: mujoco.MjData, name: str, way: np.ndarray) -> float:
+    """d length / dt of a tendon where qvel is `way`, by differences."""
+    at, total, step = data.qpos.copy(), 0.0, 5e-6
+    for times, share in STENCIL.items():
+        mujoco.mj_integratePos(model, data.qpos, way, times * step)
+        mujoco.mj_forward(model, data)
+        total += share * data.tendon(name).length[0] / step
+        data.qpos[:] = at
+    mujoco.mj_forward(model, data)
+    return total
+
+
+def check_virtual_work(spec: mujoco.MjSpec, names: list[str], length: float = 0.003) -> None:
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        jumble(model, data, rng, length, 0.3)
+        for name in names:
+            way = rng.normal(size=model.nv)
+            along = row(model, data, name)
+            error = slope(model, data, name, way) - along @ way
+            assert abs(error) < 1e-8 * np.linalg.norm(along) * np.linalg.norm(way), (name, error)
+
+
+def corrected(spec: mujoco.MjSpec, name: str, x: np.ndarray, rest: np.ndarray) -> float:
+    """Σ c (|x_i − x_j| − |x̄_i − x̄_j|)."""
+    config = next(dict(other.config) for other in spec.plugins if other.name == name)
+    i, j = decode(config["pair"]).reshape(-1, 2).T
+    change = np.linalg.norm(x[i] - x[j], axis=1) - np.linalg.norm(rest[i] - rest[j], axis=1)
+    return float(decode(config["pair_slope"]) @ change)

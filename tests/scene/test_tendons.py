@@ -8,7 +8,19 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
-from builders.hollow import CAVITY, CENTRE, LOW, SHAPE, SPACING, actuated, hollow, hollow_body, row
+from builders.hollow import (
+    CAVITY,
+    CENTRE,
+    LOW,
+    SHAPE,
+    SPACING,
+    actuated,
+    check_virtual_work,
+    corrected,
+    hollow,
+    hollow_body,
+    row,
+)
 from builders.linked import ARM, CASES
 from builders.linked import body as linked
 from builders.scenes import jumble, prefixed
@@ -18,7 +30,6 @@ from benchmarks.stability.states import jacobian, move_points
 from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.law_table import LAWS
-from mjframes.scene.plugin_text import decode
 from mjframes.surface.isosurface import kept_surface
 from mjframes.volume.grid import voxel_grid
 
@@ -28,36 +39,10 @@ pytestmark = pytest.mark.filterwarnings(
     "ignore::mjframes.body.build.TurnWarning",
 )
 
-STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # of a slope, to the fourth order
-BOTH: dict[str, mf.Chamber | mf.Fibre] = {"air": mf.Chamber(CENTRE), "cable": mf.Fibre(LOW)}
+BOTH: dict[str, mf.Chamber | mf.Fibre | mf.Muscle] = {"air": mf.Chamber(CENTRE), "cable": mf.Fibre(LOW)}
 ANCHORED = ARM.replace('<body name="mocap"', '<site name="post" pos=".1 .1 .1"/><body name="mocap"').replace(
     '<geom size=".01" mass="0.1"/>', '<geom size=".01" mass="0.1"/><site name="grip" pos="0 .01 .02"/>'
 )
-
-
-def slope(model: mujoco.MjModel, data: mujoco.MjData, name: str, way: np.ndarray) -> float:
-    """d length / dt of a tendon where qvel is `way`, by differences."""
-    at, total, step = data.qpos.copy(), 0.0, 5e-6
-    for times, share in STENCIL.items():
-        mujoco.mj_integratePos(model, data.qpos, way, times * step)
-        mujoco.mj_forward(model, data)
-        total += share * data.tendon(name).length[0] / step
-        data.qpos[:] = at
-    mujoco.mj_forward(model, data)
-    return total
-
-
-def check_virtual_work(spec: mujoco.MjSpec, names: list[str], length: float = 0.003) -> None:
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    rng = np.random.default_rng(0)
-    for _ in range(3):
-        jumble(model, data, rng, length, 0.3)
-        for name in names:
-            way = rng.normal(size=model.nv)
-            along = row(model, data, name)
-            error = slope(model, data, name, way) - along @ way
-            assert abs(error) < 1e-8 * np.linalg.norm(along) * np.linalg.norm(way), (name, error)
 
 
 @pytest.mark.parametrize("frames", [3, 10, 20])
@@ -107,14 +92,6 @@ def test_lengths_are_those_of_the_moved_points_with_their_correction(law: str) -
         way = np.diff(weights_at(body, np.array(LOW)) @ x, axis=0)
         length = np.linalg.norm(way, axis=1).sum() + corrected(spec, "cable", x, rest)
         assert data.sensor("cable").data[0] == pytest.approx(length, rel=1e-9)
-
-
-def corrected(spec: mujoco.MjSpec, name: str, x: np.ndarray, rest: np.ndarray) -> float:
-    """Σ c (|x_i − x_j| − |x̄_i − x̄_j|)."""
-    config = next(dict(other.config) for other in spec.plugins if other.name == name)
-    i, j = decode(config["pair"]).reshape(-1, 2).T
-    change = np.linalg.norm(x[i] - x[j], axis=1) - np.linalg.norm(rest[i] - rest[j], axis=1)
-    return float(decode(config["pair_slope"]) @ change)
 
 
 def weights_at(body: SoftBody, points: np.ndarray) -> np.ndarray:
