@@ -89,7 +89,7 @@ double DepthOpposite(const mjModel* m, const mjData* d, const ContactDents* dent
   double depth = 0;
   for (int c = 0; c < d->ncon; c++) {
     for (int o = 0; o < 2; o++) {
-      if (!(dents[c].side[o].softness > 0)) continue;
+      if (!(dents[c].side[o].width > 0)) continue;  // whose softness may be squeezed to 0 already
       const double opposed = -Dot(out, Outward(d->contact[c], o));
       if (!(opposed > 0)) continue;
       const Vec3 offset = dents[c].centre - dents[number].centre;

@@ -10,11 +10,13 @@ Index letters: v voxel; s sample; j control point.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.cluster.vq import kmeans2
 
 from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
@@ -22,7 +24,7 @@ from mjframes.scene.material_points import material_points
 from mjframes.volume.grid import Grid
 
 SAMPLES = 100
-ROUNDS = 20  # of k-means at most
+ROUNDS = 20  # of k-means
 SKETCH = 24  # numbers that stand for a voxel's slopes when they are compared
 
 
@@ -147,17 +149,10 @@ def _alike(slope: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     """The sample (n,) of voxels with slopes d_j (n, k), by k-means of random projections, which keep distances."""
     n, k = slope.shape
     seen = slope @ np.random.default_rng(0).normal(size=(k, min(k, SKETCH)))
-    middle = seen[np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))]
-    label = np.zeros(n, np.int64)
-    for _ in range(ROUNDS):
-        found = np.argmin((middle**2).sum(axis=1) - 2 * seen @ middle.T, axis=1)
-        if (found == label).all():
-            break
-        label, count = found, np.bincount(found, minlength=len(middle))
-        total = np.zeros_like(middle)
-        np.add.at(total, label, seen)
-        middle[count > 0] = total[count > 0] / count[count > 0, None]
-    return np.unique(label, return_inverse=True)[1].astype(np.int64)
+    first = seen[np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))]
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # of samples that no voxel is left in
+        _, sample = kmeans2(seen, first, iter=ROUNDS, minit="matrix")
+    return np.unique(sample, return_inverse=True)[1].astype(np.int64)
 
 
 def _is_whole(value: object) -> bool:
