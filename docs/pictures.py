@@ -14,6 +14,7 @@ from PIL import Image
 
 import mjframes as mf
 from examples import (
+    arm,
     elbow,
     finger,
     fingertips,
@@ -42,7 +43,8 @@ def draw(folder: Path) -> None:
         return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    for film in (steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold, pen_rolls, arm_lifts):
+    films = steak_falls, elbow_bends, knee_extends, gripper_lifts, fingertips_hold, pen_rolls, arm_reaches, arm_lifts
+    for film in films:
         film(folder)
     for figure in (modes, kernels, hertz, identify, flight, finger):
         figure.run(folder)
@@ -143,6 +145,13 @@ def pen_rolls(folder: Path) -> None:
     with filmed(model, folder / "taxels.mp4", "side") as add:
         felt = taxels.roll(model, grasp.every(1 / FPS, add))
     taxels.plot(felt, folder / "taxels.png")
+
+
+def arm_reaches(folder: Path) -> None:
+    model, body = arm.arm()
+    with filmed(model, folder / "arm.mp4", "side") as add:
+        found, _ = arm.reach(model, body, grasp.every(1 / FPS, add))
+    arm.plot(found, folder / "arm.png")
 
 
 def arm_lifts(folder: Path) -> None:

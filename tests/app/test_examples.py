@@ -12,7 +12,7 @@ from builders.pictures import film, picture, share, share_drawn
 from matplotlib import colormaps
 
 import mjframes as mf
-from examples import identify, kernels, knee, taxels
+from examples import arm, identify, kernels, knee, taxels
 from examples.steak import run, steak_scene
 from mjframes.app.log.read import read_log
 from mjframes.testing import Goldens
@@ -76,6 +76,17 @@ def test_a_fingertip_feels_a_pen_roll_and_slide(tmp_path: Path) -> None:
     assert 0.4 < wandered < 0.52  # half, less as the fingertip is round
     assert felt.grip[start : felt.at(1.1)].max() < 0.15
     assert felt.grip[last - 50 : last] == pytest.approx(taxels.FRICTION, rel=0.15)
+
+
+def test_an_arm_with_three_cables_reaches_its_targets(tmp_path: Path) -> None:
+    found = arm.run(tmp_path)
+    shown, plot = film(tmp_path / "arm.mp4"), picture(tmp_path / "arm.png")
+    assert len(shown) == round(arm.FPS * arm.STAY * len(arm.TARGETS))
+    assert min(share(frame, (0.17, 0.61, 0.28)) for frame in shown) > 0.001  # the targets' posts
+    assert share(plot, (0.12, 0.47, 0.71)) > 0.001
+    assert found.errors.max() < 0.05 * np.linalg.norm(arm.TARGETS[0])
+    assert found.tensions.min() >= 0
+    assert found.tensions.max() < arm.MOST
 
 
 def test_kernels_of_figure_6(tmp_path: Path) -> None:
