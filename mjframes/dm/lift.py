@@ -38,8 +38,8 @@ FRAMES = 3
 DAMPING = (0.0, 0.005)  # Rayleigh's α [1/s] and β [s]: meat does not ring
 # Of wet meat on plastic or wood. With priority, as those of the hand and of the block are MuJoCo's 1.
 CONTACT = Contact(friction=(0.7, 0.005, 0.0001), condim=4, priority=1)
-TAXELS = {  # on the strip loin, where the hand takes hold: 5 mm wide
-    side: TaxelGrid((0.085, 0, 0), (0, 0, up), (0.04, 0.06), (8, 12), along=(1, 0, 0))
+TAXELS = {  # on the strip loin, where the hand takes hold: 7 mm wide
+    side: TaxelGrid((0.072, 0, 0), (0, 0, up), (0.056, 0.084), (8, 12), along=(1, 0, 0))
     for side, up in (("above", 1), ("below", -1))
 }
 CAMERA = {"name": "beside", "pos": (0.85, 0.15, 0.62), "xyaxes": (0, 1, 0, -0.3, 0, 1), "fovy": 53}

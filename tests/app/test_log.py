@@ -25,7 +25,7 @@ from scipy.spatial import KDTree
 
 from benchmarks.stability.damage import rewritten
 from mjframes.app import video
-from mjframes.app.dented import skin_vertices
+from mjframes.app.dented import draw_dents, skin_vertices
 from mjframes.app.log import numbers, write
 from mjframes.app.log.numbers import FIELDS, instants, messages, state_message
 from mjframes.app.log.options import TOPICS, Log
@@ -172,6 +172,7 @@ def test_what_foxglove_draws_is_where_mujoco_has_it(fallen: tuple[mujoco.MjModel
         assert (skin.id, skin.frame_id, skin.timestamp.ToNanoseconds()) == ("block:1", "world", now)
         (triangles,) = skin.triangles
         mujoco.mjv_updateSkin(model, data, scene)
+        draw_dents(model, data, scene)
         points = [(p.x, p.y, p.z) for p in triangles.points]
         assert points == pytest.approx(np.reshape(scene.skinvert, (-1, 3)), abs=drawing.ROUNDING * 0.062 / 2)
         assert list(triangles.indices) == model.skin_face.ravel().tolist()  # it has few: none is left out

@@ -30,9 +30,9 @@ def cube(frames: int) -> mf.SoftBody:
     return mf.build(volume, frames, supports=mf.Fixed(volume.side("-z")), damping=(0.0, 0.01))
 
 
-def scene(folder: Path, frames: int = 6, button: float = 1.0, twice: bool = False) -> Path:
+def scene(folder: Path, frames: int = 6, button: float = 1.0, twice: bool = False, dents: bool = True) -> Path:
     spec = mujoco.MjSpec.from_string(SCENE.format(x=button))
-    mf.attach(spec, cube(frames), "block", pos=(0, 0, EDGE / 2))
+    mf.attach(spec, cube(frames), "block", pos=(0, 0, EDGE / 2), contact=mf.Contact(dents=dents))
     if twice:
         mf.attach(spec, cube(frames), "other", pos=(0.5, 0, 0))
     mf.choose_solver(spec)
@@ -71,7 +71,10 @@ def test_a_ball_is_pressed_beside_hertz(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.hertz, 4 / 3 * YOUNG / (1 - POISSON**2) * 0.02**0.5 * found.depth**1.5, rtol=1e-2)
     assert found.depth[-1] == pytest.approx(0.002, rel=0.02)
     coarse = pressed(tmp_path, "ball", 0.02, 0.002, frames=6)
-    assert 1 < found.force[-1] / found.hertz[-1] < 3.2 < coarse.force[-1] / found.hertz[-1]
+    firm = press(scene(tmp_path, dents=False), Indenter("ball", 0.02), 0.002)
+    times = [some.force[-1] / found.hertz[-1] for some in (coarse, found, firm)]
+    assert 1 < times[0] < times[1] < 2.5  # dents of many frames are too narrow
+    assert times[2] > 3.2
     assert found.notes[0].startswith("Hertz's force does not hold at 2 mm: the contact's radius of 6.3")
     assert found.notes[1].startswith("the contact is stiffer than Hertz says")
 

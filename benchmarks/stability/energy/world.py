@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.stability.states import jacobian, move_points
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
+from mjframes.scene.contact import Contact
 from mjframes.scene.load import DIVERGED
 from mjframes.scene.sensors import add_sensor
 from mjframes.scene.solver import choose_solver
@@ -113,10 +114,10 @@ class Course:
         return self.motion + self.elastic - self.work
 
 
-def world(body: SoftBody) -> World:
+def world(body: SoftBody, contact: Contact | None = None) -> World:
     """Return a scene with the body."""
     spec = mujoco.MjSpec.from_string(SCENE)
-    attach(spec, body, NAME)
+    attach(spec, body, NAME, contact=contact or Contact())
     for quantity in ("elastic_energy", "kinetic_energy"):
         add_sensor(spec, body, NAME, quantity)
     choose_solver(spec)
