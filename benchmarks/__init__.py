@@ -7,6 +7,7 @@ python -m benchmarks.accuracy.factors                          bodies whose stif
 python -m benchmarks.accuracy.actuation                        chambers, cables and muscles against finite elements
 python -m benchmarks.speed.bench            make bench         precomputation and steps
 python -m benchmarks.speed.worlds           make bench-worlds  many worlds side by side
+python -m benchmarks.speed.dents                               what dents cost in a step
 python -m benchmarks.speed.taxels                              what taxels cost in a step
 python -m benchmarks.speed.tasks                               random episodes of the tasks of `mjframes.dm`
 python -m benchmarks.speed.lift_flex                           lifting a steak, beside flex
