@@ -5,8 +5,8 @@ Scenes with and without dents take turns, and the least time of the processor co
 
 from __future__ import annotations
 
-import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -15,6 +15,8 @@ import numpy as np
 from benchmarks.tables import screen, show, table_of
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
+from mjframes.cli.arguments import Parser
+from mjframes.cli.commands import exit_code
 from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
 from mjframes.scene.solver import choose_solver
@@ -27,9 +29,10 @@ STEPS, TURNS = 400, 3
 SCENE = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="1 1 .1"/>{}</worldbody></mujoco>"""
 
 
-def main() -> None:
-    """Print the table."""
-    argparse.ArgumentParser(prog="python -m benchmarks.speed.dents", description=__doc__).parse_args()
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; return the exit code."""
+    parser = Parser(prog="python -m benchmarks.speed.dents", description="Measure what dents cost.")
+    parser.parse_args(argv)
     volume = Volume.load(STEAK)
     found = table_of("A step of the steak", "with dents [µs]", "without [µs]", "ratio")
     for frames in FRAMES:
@@ -42,6 +45,7 @@ def main() -> None:
             times = (f"{1e6 * least[dents]:.0f}" for dents in least)
             found.add_row(f"{frames} frames, {below}", *times, f"{least[True] / least[False]:.2f}")
     show(screen(), found)
+    return 0
 
 
 def step_time(body: SoftBody, below: str, dents: bool) -> float:
@@ -59,4 +63,4 @@ def step_time(body: SoftBody, below: str, dents: bool) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(exit_code(main))
