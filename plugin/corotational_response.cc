@@ -526,14 +526,13 @@ MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   TurnAll(half, delta, D, scratch);
 }
 
-// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are.
+// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are. Without cells.
 template <typename V>
 MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R, const Vec3* ahead,
                                    BatchScratch* scratch, Vec3* force) {
   V there[9], torque[3] = {};
   std::copy_n(scratch->z.begin(), 3 * kWideLanes * static_cast<size_t>(half.batch.size), scratch->before.begin());
   Rotate(half, regions, ahead, scratch, there);
-  if (half.batch.cells) AddCells(half, false, scratch);
   for (int j = 0; j < half.size; j++) {
     V z[3], w[3], moment[3];
     for (int r = 0; r < 3; r++) {
@@ -569,7 +568,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
       if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(R, lane);
     }
     if (!wanted.force) continue;
-    if (batch.cells) AddCells(half, wanted.stiffness || wanted.ahead, scratch);
+    if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
     Twist(half, *scratch, twist);
     InvertTwist(twist, inverse);
     if (!wanted.ahead) AddForce(half, R, inverse, *scratch, wanted.force);

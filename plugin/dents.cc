@@ -111,16 +111,6 @@ double Stiffness(const mjModel* m, const mjContact& contact) {
   return 1 / std::max(mjMINVAL, period * period);
 }
 
-// J v of a row.
-double Rate(const mjModel* m, const mjData* d, int row) {
-  if (!mj_isSparse(m)) return mju_dot(d->efc_J + static_cast<size_t>(row) * m->nv, d->qvel, static_cast<int>(m->nv));
-  double sum = 0;
-  for (int e = d->efc_J_rowadr[row], end = e + d->efc_J_rownnz[row]; e < end; e++) {
-    sum += d->efc_J[e] * d->qvel[d->efc_J_colind[e]];
-  }
-  return sum;
-}
-
 // The contact as one that is pressed; false where it is not, or makes no dent.
 bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int number, Pressed* pressed) {
   const mjContact& contact = d->contact[number];
@@ -129,7 +119,7 @@ bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int num
   const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), spring = k * d->efc_KBIP[4 * row + 2] * rows / d->efc_R[row];
   *pressed = {number, row, rows, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
-  for (int r = 0; r < rows && rows > 1; r++) pressed->rate += Rate(m, d, row + r) / rows;
+  for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);
   }
@@ -202,6 +192,7 @@ void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents) {
 
 bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents) {
   if (!HasRoom(d, d->ncon * sizeof(Pressed) / sizeof(mjtNum) + 1)) return false;
+  if (m->opt.cone == mjCONE_PYRAMIDAL) mj_mulJacVec(m, d, d->efc_vel, d->qvel);  // MuJoCo does so after this stage
   MarkStack(d);
   auto* pressed = static_cast<Pressed*>(mj_stackAllocByte(d, d->ncon * sizeof(Pressed), alignof(Pressed)));
   int n = 0;

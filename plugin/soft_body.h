@@ -1,7 +1,6 @@
 // One soft body of one mjData: its elasticity, its kinematics, its contact and its mass. world.h says when what is
 // called. Index letters: j, k control point; e region; s surface vertex. Everything is in the soft body's own axes
 // [SI].
-
 //
 // Points move by h v along straight lines, and what turns in a step by an angle is stretched by half its square. Where
 // the step would make energy so, it is looked at again before it is taken. With δ = h (v + h a), what the points will
