@@ -79,7 +79,7 @@ def internal_force(mesh: Bricks, law: Law, moved: Array) -> tuple[Array, sparse.
         moving = slope.reshape(len(F), q, 27, 3) @ gradient.transpose(0, 2, 1)  # ∂P_ik/∂u_bj at q
         moving = moving.reshape(len(F), q, 3, 3, 3, a).transpose(0, 1, 3, 2, 5, 4)
         blocks[some] = (weighted @ moving.reshape(len(F), 3 * q, -1)).reshape(len(F), -1)
-    return total, assembled(mesh, blocks)
+    return total, assembled(mesh, mesh.element, blocks)
 
 
 def equilibria(

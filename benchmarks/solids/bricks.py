@@ -63,11 +63,6 @@ class Bricks:
         return gradient, _tensor(*(w[None],) * 3).ravel() * np.prod(self.size)
 
     @property
-    def dof(self) -> Nodes:
-        """Return the degrees of freedom (c, 3a) of each brick."""
-        return (3 * self.element[:, :, None] + np.arange(3)).reshape(len(self.element), -1)
-
-    @property
     def moving(self) -> NDArray[np.bool_]:
         """Return which degrees of freedom (3N,) may move."""
         moving = np.repeat(self.free, 3)
@@ -112,7 +107,7 @@ def linear_stiffness(mesh: Bricks) -> sparse.csr_array:
     by_lam = pairs.reshape(3 * a, 3 * a)
     by_mu = (pairs.transpose(0, 3, 2, 1) + np.einsum("akbk,ij->aibj", pairs, np.eye(3))).reshape(3 * a, 3 * a)
     blocks = mesh.lam[:, None] * by_lam.ravel() + mesh.mu[:, None] * by_mu.ravel()
-    return assembled(mesh, blocks)
+    return assembled(mesh, mesh.element, blocks)
 
 
 def nodal_load(mesh: Bricks, load: Array) -> Array:
@@ -172,8 +167,7 @@ def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Ar
     for start in range(0, len(mesh.element), BLOCK):
         some = slice(start, start + BLOCK)
         lam, mu = mesh.lam[some, None], mesh.mu[some, None]
-        u = moved[mesh.element[some]]
-        F = eye + np.einsum("eai,qak->eqik", u, gradient, optimize=True)
+        F = deformations(mesh, moved, some)
         G = (np.einsum("eqik,eqil->eqkl", F, F) - eye) / 2
         trace = np.trace(G, axis1=2, axis2=3)
         S = (lam * trace)[..., None, None] * eye + 2 * mu[..., None, None] * G
@@ -183,7 +177,7 @@ def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Ar
             continue
         h = np.einsum("eqik,qak->eqai", F, gradient, optimize=True)  # F ∇N_a
         root = np.sqrt(volume)[None, :, None, None]
-        hq = (h * root).reshape(len(u), len(volume), -1)
+        hq = (h * root).reshape(len(F), len(volume), -1)
         result = lam[..., None] * (hq.transpose(0, 2, 1) @ hq)  # λ (F∇N_a) ⊗ (F∇N_b)
         result = result.reshape(-1, a, 3, a, 3)
         B = np.einsum("eqik,eqjk->eqij", F, F)
@@ -195,13 +189,13 @@ def internal_force(mesh: Bricks, moved: Array, tangent: bool = True) -> tuple[Ar
                 result[:, :, i, :, j] += mu[:, :, None] * (one @ (h[..., i] * root[..., 0]))
         pull = np.einsum("q,eqkl,qak,qbl->eab", volume, S, gradient, gradient, optimize=True)
         result += pull[:, :, None, :, None] * eye[:, None, :]
-        blocks[some] = result.reshape(len(u), -1)
-    return total, None if blocks is None else assembled(mesh, blocks)
+        blocks[some] = result.reshape(len(F), -1)
+    return total, None if blocks is None else assembled(mesh, mesh.element, blocks)
 
 
-def assembled(mesh: Bricks, blocks: Array) -> sparse.csr_array:
-    """Return the sum (3N, 3N) of blocks (c, 9a²) of the bricks."""
-    dof = mesh.dof.astype(np.int32)
+def assembled(mesh: Bricks, element: Nodes, blocks: Array) -> sparse.csr_array:
+    """Return the sum (3N, 3N) of blocks (c, …), 9a² numbers each, of elements with nodes (c, a) of the mesh."""
+    dof = (3 * element[:, :, None] + np.arange(3)).reshape(len(element), -1).astype(np.int32)
     m = dof.shape[1]
     at = (np.repeat(dof, m, axis=1).ravel(), np.tile(dof, (1, m)).ravel())
     size = 3 * len(mesh.nodes)

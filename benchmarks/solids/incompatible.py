@@ -34,11 +34,11 @@ def incompatible_stiffness(mesh: Bricks) -> sparse.csr_array:
     condensed = whole[:, nodes, nodes] - whole[:, nodes, inner] @ np.linalg.solve(
         whole[:, inner, inner], whole[:, inner, nodes]
     )
-    return assembled(mesh, condensed.reshape(len(kinds), -1)[kind.ravel()])
+    return assembled(mesh, mesh.element, condensed.reshape(len(kinds), -1)[kind.ravel()])
 
 
 def consistent_mass(mesh: Bricks, density: Array) -> sparse.csr_array:
     """Return (3N, 3N) [kg] of voxels' densities (n,) [kg/m³]."""
     line = np.array([[2, 1], [1, 2]]) / 6
     share = np.kron(np.kron(np.kron(line, line), line), np.eye(3))
-    return assembled(mesh, (density[mesh.voxel] * np.prod(mesh.size))[:, None] * share.ravel())
+    return assembled(mesh, mesh.element, (density[mesh.voxel] * np.prod(mesh.size))[:, None] * share.ravel())

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from benchmarks.solids.bricks import Bricks, at_points, deformations, lagrange
+from benchmarks.solids.bricks import Bricks, assembled, at_points, deformations, lagrange
 
 Array = NDArray[np.float64]
 Nodes = NDArray[np.int64]
@@ -52,7 +52,7 @@ class Cavity:
         slope = np.einsum("faibj,fbj->fai", curvature, x) / 2
         total = np.zeros_like(mesh.nodes)
         np.add.at(total, self.faces, slope)
-        return float((slope * x).sum() / 3), total, summed(len(total), self.faces, curvature)
+        return float((slope * x).sum() / 3), total, assembled(mesh, self.faces, curvature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Field:
         np.add.at(total, element, np.einsum("q,eqa,eqi->eai", volume, slope, along, optimize=True))
         stiff = (np.eye(3) - along[..., :, None] * along[..., None, :]) * (volume / length)[..., None, None]
         curvature = np.einsum("eqa,eqb,eqij->eaibj", slope, slope, stiff, optimize=True)
-        return float((length @ volume).sum()), total, summed(len(total), element, curvature)
+        return float((length @ volume).sum()), total, assembled(mesh, element, curvature)
 
 
 def walls(mesh: Bricks, inside: NDArray[np.bool_]) -> Cavity:
@@ -127,14 +127,6 @@ def walls(mesh: Bricks, inside: NDArray[np.bool_]) -> Cavity:
             at[:, :, eta] += second if way else first
             faces.append(number[tuple(np.moveaxis(at, -1, 0))])
     return Cavity(np.concatenate(faces))
-
-
-def summed(nodes: int, element: Nodes, blocks: Array) -> sparse.csr_array:
-    """Return the sum (3N, 3N) of blocks (e, a, 3, a, 3) of nodes (e, a)."""
-    dof = (3 * element[:, :, None] + np.arange(3)).reshape(len(element), -1)
-    m = dof.shape[1]
-    at = (np.repeat(dof, m, axis=1).ravel(), np.tile(dof, (1, m)).ravel())
-    return sparse.csr_array(sparse.coo_array((blocks.ravel(), at), shape=(3 * nodes,) * 2))
 
 
 @cache
