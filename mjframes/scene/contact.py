@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.options import is_whole
 from mjframes.volume.material import is_number
 
 LENGTHS = {"friction": 3, "solref": 2, "solimp": 5}
@@ -98,11 +99,11 @@ class Contact:
             raise MjframesError(f"condim is {self.condim!r}; it must be 1, 3, 4 or 6.")
         for name in ("contype", "conaffinity"):
             value = getattr(self, name)
-            if not (_is_whole(value) and 0 <= value < 2**31):
+            if not (is_whole(value) and 0 <= value < 2**31):
                 raise MjframesError(f"{name} is {value!r}; it must be a bit mask of 31 bits.")
         if not isinstance(self.dents, bool):
             raise MjframesError(f"dents is {self.dents!r}; it must be True or False.")
-        if self.priority is not None and not (_is_whole(self.priority) and abs(self.priority) < 2**31):
+        if self.priority is not None and not (is_whole(self.priority) and abs(self.priority) < 2**31):
             raise MjframesError(f"priority is {self.priority!r}; it must be a whole number.")
 
     def write(self, geom: mujoco.MjsGeom) -> None:
@@ -115,7 +116,3 @@ class Contact:
                 getattr(geom, field.name)[: np.size(value)] = value
             else:
                 setattr(geom, field.name, value)
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)

@@ -19,6 +19,7 @@ from scipy import sparse
 from scipy.cluster.vq import kmeans2
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.options import is_whole
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.material_points import material_points
 from mjframes.volume.grid import Grid
@@ -55,7 +56,7 @@ class Muscle:
     samples: int = SAMPLES
 
     def __post_init__(self) -> None:
-        if not _is_whole(self.samples) or self.samples < 1:
+        if not is_whole(self.samples) or self.samples < 1:
             raise MjframesError(f"samples is {self.samples!r}; give an integer > 0.")
 
 
@@ -80,7 +81,7 @@ def fibres(grid: Grid, own: str, muscle: Muscle) -> tuple[NDArray[np.int64], NDA
     """
     lookup, shape = grid.lookup, grid.lookup.shape
     given = np.asarray(muscle.voxels)
-    if _is_whole(muscle.voxels):
+    if is_whole(muscle.voxels):
         voxels = np.flatnonzero(grid.label == muscle.voxels)
         if not len(voxels):
             known = ", ".join(map(str, grid.labels))
@@ -153,7 +154,3 @@ def _alike(slope: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # of samples that no voxel is left in
         _, sample = kmeans2(seen, first, iter=ROUNDS, minit="matrix")
     return np.unique(sample, return_inverse=True)[1].astype(np.int64)
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)

@@ -9,6 +9,7 @@ import numpy as np
 from builders.scenes import jumble
 
 import mjframes as mf
+from benchmarks.stability.states import jacobian
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.plugin_text import decode
 
@@ -87,3 +88,29 @@ def corrected(spec: mujoco.MjSpec, name: str, x: np.ndarray, rest: np.ndarray) -
     i, j = decode(config["pair"]).reshape(-1, 2).T
     change = np.linalg.norm(x[i] - x[j], axis=1) - np.linalg.norm(rest[i] - rest[j], axis=1)
     return float(decode(config["pair_slope"]) @ change)
+
+
+def check_momentum(spec: mujoco.MjSpec, forces: dict[str, float]) -> None:
+    """Tendons within a free body pull at no common motion, and forces on them move no centre of mass."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(2)
+    for _ in range(3):
+        jumble(model, data, rng, 0.003, 0.3)
+        view = mf.soft(model, data, "bar")
+        x = view.control_positions
+        for velocity in [*np.eye(3)[:, None] + 0 * x, *(np.cross(axis, x) for axis in np.eye(3))]:
+            way = np.linalg.lstsq(jacobian(view), velocity.ravel(), rcond=None)[0]
+            for name in forces:
+                along = row(model, data, name)
+                assert abs(along @ way) < 1e-12 * np.linalg.norm(along) * np.linalg.norm(way)
+    mujoco.mj_resetData(model, data)
+    data.ctrl[:] = list(forces.values())
+    force = 0.0
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+        force += model.opt.timestep * np.abs(data.qfrc_actuator).sum()
+    mujoco.mj_forward(model, data)
+    view = mf.soft(model, data, "bar")
+    assert np.abs(view.mass @ view.control_velocities).max() < 1e-12 * force
+    assert data.qpos.any()
