@@ -41,7 +41,7 @@ def made(frame_type: str = "affine", frames: int = 2, young: float = 2e5) -> Wor
 
 
 @cache
-def drawn_body(number: int, contact: Contact | None = None) -> World:
+def drawn_body(number: int, contact: bool | Contact = True) -> World:
     return world(subjects(number + 1, 0, ["corotational"], meshes=False)[number].build(), contact)
 
 

@@ -114,10 +114,10 @@ class Course:
         return self.motion + self.elastic - self.work
 
 
-def world(body: SoftBody, contact: Contact | None = None) -> World:
+def world(body: SoftBody, contact: bool | Contact = True) -> World:
     """Return a scene with the body."""
     spec = mujoco.MjSpec.from_string(SCENE)
-    attach(spec, body, NAME, contact=contact or Contact())
+    attach(spec, body, NAME, contact=contact)
     for quantity in ("elastic_energy", "kinetic_energy"):
         add_sensor(spec, body, NAME, quantity)
     choose_solver(spec)
