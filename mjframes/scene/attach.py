@@ -30,6 +30,7 @@ from mjframes.scene.patches import ordered_patches
 from mjframes.scene.plugin_text import SEPARATOR, configuration, decode, instance_name
 from mjframes.scene.scaling import add_scaling
 from mjframes.scene.skins import add_skins
+from mjframes.scene.solver import avoid_wrong_solver
 from mjframes.scene.tendons import Chamber, Fibre, add_tendons
 from mjframes.scene.view import Soft, soft
 from mjframes.volume.material import is_number
@@ -165,6 +166,7 @@ def attach(
         reserve_memory(spec)
     if place.bodies:  # with bones that the soft body's own spec does not have
         add_skins(spec, body, carried, name)
+    avoid_wrong_solver(spec)
     add_tendons(spec, body, name, carried, decode(config["point_rest"]).reshape(-1, 3), tendons or {})
     return Attachment(name, body)
 

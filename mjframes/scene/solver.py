@@ -21,6 +21,7 @@ MANY_MOVING = 4  # and one that moves: steps with arms of 6 boxes a link took 12
 STARTS = 12  # places in a triangle of a flex that MuJoCo looks for its lowest from: more find the same, ever slower
 PATCH = mujoco.mjtGeom.mjGEOM_SDF  # the type of a soft body's geoms, of which no other body has many
 MIDPHASE, CONTACT = mujoco.mjtDisableBit.mjDSBL_MIDPHASE, mujoco.mjtDisableBit.mjDSBL_CONTACT
+WRONG_SPARSE = "4.0.0"  # its sparse Newton has a wrong Hessian: google-deepmind/mujoco#3767, mended in 4.0.1
 JOINTS = {  # degrees of freedom of each type
     mujoco.mjtJoint.mjJNT_FREE: 6,
     mujoco.mjtJoint.mjJNT_BALL: 3,
@@ -48,6 +49,12 @@ def choose_solver(spec: mujoco.MjSpec) -> None:
     fields = [geom for geom in spec.geoms if geom.type == PATCH]
     if spec.flexes and all(geom.plugin.plugin_name == plugin.PATCH_NAME for geom in fields):
         spec.option.sdf_initpoints = min(spec.option.sdf_initpoints, STARTS)
+
+
+def avoid_wrong_solver(spec: mujoco.MjSpec, version: str = mujoco.mj_versionString()) -> None:
+    """Have MuJoCo 4.0.0 use dense Jacobians where a spec leaves the choice to it: its sparse Newton solver is wrong."""
+    if version == WRONG_SPARSE and spec.option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO:
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
 def rule() -> str:

@@ -9,7 +9,7 @@ from builders.scenes import FLOOR, compiled, lump
 
 from mjframes.scene.attach import attach
 from mjframes.scene.scene_file import standalone_scene
-from mjframes.scene.solver import FEW, MANY, MANY_MOVING, STARTS, advice, choose_solver
+from mjframes.scene.solver import FEW, MANY, MANY_MOVING, STARTS, advice, avoid_wrong_solver, choose_solver
 
 
 def chain(count: int) -> mujoco.MjSpec:
@@ -34,6 +34,16 @@ def test_the_choice_is_by_degrees_of_freedom(count: int, solver: str, sparse: bo
     assert model.opt.solver == getattr(mujoco.mjtSolver, f"mjSOL_{solver}")
     assert bool(mujoco.mj_isSparse(model)) == sparse
     assert advice(model) == ""
+
+
+@pytest.mark.parametrize(("version", "form"), [("4.0.0", "DENSE"), ("4.0.1", "AUTO"), ("3.17.0", "AUTO")])
+def test_the_wrong_sparse_newton_is_avoided(version: str, form: str) -> None:
+    spec, own = mujoco.MjSpec(), mujoco.MjSpec()
+    own.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+    for one in (spec, own):
+        avoid_wrong_solver(one, version)
+    assert spec.option.jacobian == getattr(mujoco.mjtJacobian, f"mjJAC_{form}")
+    assert own.option.jacobian == mujoco.mjtJacobian.mjJAC_SPARSE  # the user's own choice
 
 
 def test_advice_is_what_would_be_chosen() -> None:
