@@ -26,6 +26,8 @@ constexpr const char* kAttributes[] = {
     "pair",          // control points, left out for none                          (t × 2)
     "pair_slope",    // c_ij                                                       (t)
     "triangle",      // of a volume: three points each, counter-clockwise seen from outside the chamber  (t × 3)
+    "scale",         // of a volume: s, left out where it is 1
+    "rest_volume",   // with it: V̄ [m³]
     "stop",          // of a length: points; −1 is the next of the tendon's sites  (s)
     "share",         // of a length: of each part between stops, left out where all are 1  (s − 1)
     "gas",           // of a volume: absolute pressure at rest of what is sealed in [Pa]; left out for none
@@ -58,6 +60,10 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
     reader->Check(!corner.empty() && corner.size() % 3 == 0 && std::all_of(corner.begin(), corner.end(), known) &&
                       *std::min_element(corner.begin(), corner.end()) >= 0,
                   "its triangles are not of its points");
+    if (reader->Has("scale")) {
+      model->scale = reader->Number("scale");
+      model->constant = (1 - model->scale) * reader->Number("rest_volume");
+    }
   } else if (reader->Check(quantity == "length", "quantity has to be 'volume' or 'length'")) {
     model->stop = reader->Array<int32_t>("stop");
     reader->Check(model->stop.size() > 1 && std::all_of(model->stop.begin(), model->stop.end(), known),
@@ -241,7 +247,7 @@ double Tendon::Evaluate(const mjModel* m, const mjData* d, const Vec3& origin) {
 }
 
 // ∂V/∂p_a is a sixth of the normals, of twice the area, of the triangles at a: what else p_b × p_c has adds up to zero
-// around a. V is of third degree, so that 3 V = Σ_a p_a · ∂V/∂p_a.
+// around a. V − v is of third degree, so that 3 (V − v) = Σ_a p_a · ∂V/∂p_a.
 double Tendon::Volume() {
   const int padded = model_->points.padded;
   double three = 0;
@@ -273,14 +279,14 @@ double Tendon::Volume() {
       const double* own = normal + kLanes * n;
       Transpose4(Load(own), Load(own + kLanes), Load(own + 2 * kLanes), Load(own + 3 * kLanes), slope);
       for (int r = 0; r < 3; r++) {
-        slope[r] *= 1.0 / 6;
+        slope[r] *= model_->scale / 6;
         sum += slope[r] * Load(p + r * padded + n);
         Store(slope[r], g + r * padded + n);
       }
     }
     for (int lane = 0; lane < kLanes; lane++) three += sum[lane];
   });
-  return three / 3;
+  return three / 3 + model_->constant;
 }
 
 // Of the correction; its forces go to the control points.

@@ -1,6 +1,6 @@
 // mjframes.tendon: a volume or a length in the material as the length of a MuJoCo tendon, with its Jacobian.
 //
-//   V = Σ_abc p_a · (p_b × p_c) / 6        a closed surface of triangles: of a chamber [m³]
+//   V = s Σ_abc p_a · (p_b × p_c) / 6 + v  a closed surface of triangles: of a chamber [m³]; v = (1 − s) V̄
 //   L = Σ_k s_k |p_k+1 − p_k|              a path through material points and sites, s = 1: of a fibre [m];
 //                                          or pairs of points: of a muscle [m³] (muscles.py)
 //   … + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|)     so that at rest it pulls as finite elements say (tendon_slopes.py)
@@ -38,7 +38,8 @@ struct TendonModel {
   static std::unique_ptr<const TendonModel> Read(const std::vector<Vec3>& rest, Reader* reader);
 
   PointWeights points;
-  std::vector<int32_t> triangle;  // of a chamber: three points each, counter-clockwise seen from outside the chamber
+  std::vector<int32_t> triangle;   // of a chamber: three points each, counter-clockwise seen from outside the chamber
+  double scale = 1, constant = 0;  // s and v [m³] of a chamber
   struct Pair {
     int32_t i, j;        // places in points.point
     double slope, rest;  // c [of the tendon's unit by m], distance at rest [m]

@@ -165,7 +165,8 @@ def _whole_body(
     finite = finite_elements(hookes, cores, progress)
 
     def condense(some: Frames) -> Condensed:
-        return whole_body(hookes, finite, some.shapes, some.types, links, laws, progress)
+        assert some.parents is not None
+        return whole_body(hookes, finite, some.shapes, some.parents, some.types, links, laws, progress)
 
     if options.error is not None:
         chosen, made = fewest_frames(options.error, grid, finite, most, placed, condense)

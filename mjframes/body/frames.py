@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from mjframes.base.choices import FRAME_TYPES
 from mjframes.base.errors import MjframesError
@@ -18,6 +19,7 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import Tree, depth_first, frame_tree
 from mjframes.volume.grid import Grid
 from mjframes.weights.kernels import weights_of
+from mjframes.whole_body.families import families, renamed
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,7 @@ class Frames:
     tree: of elimination.
     shapes: their weights, not corrected.
     regions: the paper's integration samples, None where the whole body is condensed.
+    parents: of each frame in its region of the whole body, None for the paper's method.
     """
 
     types: tuple[str, ...]
@@ -36,6 +39,7 @@ class Frames:
     tree: Tree
     shapes: ShapeFunctions
     regions: Regions | None
+    parents: dict[int, tuple[int, ...]] | None
 
 
 def place(
@@ -56,13 +60,22 @@ def place(
     _require_voxels(types, len(grid.index))
     shares = weights_of(options.weights).at_voxels(metric, placement)
     regions = split_regions(grid, shares, options.paper.samples) if options.paper else None
-    sets = regions.frames if regions else [np.flatnonzero(row).tolist() for row in frame_sets(shares)[1]]
+    parents = None if regions else _parents(metric, shares, len(cores))
+    sets = regions.frames if regions else [(i, *others) for i, others in (parents or {}).items()]
     tree = frame_tree(sets, len(types), len(cores))
     types = tuple(types[i] for i in tree.order)
     seeds = tuple(placement.seeds[i] for i in tree.order)
     regions = renumbered(regions, tree.order) if regions else None
+    parents = renamed(parents, tree.order) if parents else None
     shares, tree = depth_first(shares, tree)
-    return Frames(types, seeds, tree, ShapeFunctions(shares, control_points(grid, shares, types)), regions)
+    return Frames(types, seeds, tree, ShapeFunctions(shares, control_points(grid, shares, types)), regions, parents)
+
+
+def _parents(grid: Grid, shares: sparse.csr_array, held: int) -> dict[int, tuple[int, ...]]:
+    """The families of frames with weights (n, f), the first of which are held."""
+    coupled = [np.flatnonzero(row).tolist() for row in frame_sets(shares)[1]]
+    middle = (shares.T @ grid.centers) / np.asarray(shares.sum(axis=0))[:, None]
+    return families(coupled, middle, held)
 
 
 def most_frames(frame_type: str | Sequence[str], voxels: int) -> int:

@@ -7,7 +7,12 @@ move, x = G⁻¹ Bᵀ A⁻¹ f (whole_body/superelement.py), and are pulled ther
     ℓ(x) = ℓ(W x) + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|),   Σ_j c_ij e_ij = (K x)_i − (∂ℓ(W x)/∂x)_i at rest
 
 over pairs of control points of a region, e_ij from j to i, with the least Σ c². Distances do not change where all
-turns, so that forces inside the body stay inside. Index letters: i, j control point; n point that a force acts on.
+turns, so that forces inside the body stay inside. The correction does not change as the body moves; of a chamber, whose
+pull grows as its walls widen it, what of the pull is like ∂ℓ(W x)/∂x comes from a multiple of the volume's change:
+
+    ℓ(x) = ℓ̄ + a (ℓ(W x) − ℓ̄) + …,   a = (K x)ᵀ K⁺ g / gᵀ K⁺ g,   g = ∂ℓ(W x)/∂x at rest
+
+Index letters: i, j control point; n point that a force acts on.
 """
 
 from __future__ import annotations
@@ -32,6 +37,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-3  # [-] of the solution, in the energy norm
 SMALLEST = 1e-10  # [-] of moments, to the largest: smaller ones are dependent
+STILL = 1e-10  # [-] stiffness, to the largest, of motions that cost nothing
 CLOSE = 1e-12  # [-] of c: where to stop
 
 
@@ -94,6 +100,15 @@ class Elements:
         if not self.solver.held:
             self.solver.remove_rigid(batch.solution)
         return batch.solution.reshape(len(load), 3, -1)[:, :, 0].astype(np.float64) / levels.unit
+
+
+def likeness(elements: Elements, wanted: Array, has: Array) -> float:
+    """Return a, the multiple of the slopes `has` (k, 3) that is closest to those that are wanted, in what they move."""
+    moves = degrees(np.flatnonzero(elements.body.control.frame >= elements.body.held))
+    known, goal = has.ravel()[moves], wanted.ravel()[moves]
+    moved = np.linalg.lstsq(elements.stiffness[np.ix_(moves, moves)], known, rcond=STILL)[0]
+    energy = float(known @ moved)
+    return max(float(goal @ moved) / energy, 0.0) if energy > 0 else 1.0
 
 
 def correction(body: SoftBody, rest: Array, wanted: Array, has: Array) -> tuple[NDArray[np.int64], Array]:

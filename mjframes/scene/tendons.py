@@ -30,7 +30,7 @@ from mjframes.scene.muscles import Muscle, fibres, segments
 from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
 from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode, weight_attributes
 from mjframes.scene.skins import add_skin
-from mjframes.scene.tendon_slopes import Elements, correction
+from mjframes.scene.tendon_slopes import Elements, correction, likeness
 from mjframes.surface.isosurface import kept_surface
 from mjframes.volume.grid import Grid, voxel_grid
 from mjframes.volume.material import Material, is_number
@@ -281,8 +281,11 @@ def _chamber(
     normal = np.zeros_like(offset)
     for corner in faces.T:
         np.add.at(normal, corner, np.cross(b - a, c - a) / 6)
-    config |= _corrected(body, rest, elements.pull(*_pushed(elements.grid, cavity)), weights.T @ normal)
-    return Measured(config, weights, offset, float((a * np.cross(b, c)).sum() / 6))
+    wanted, has = elements.pull(*_pushed(elements.grid, cavity)), weights.T @ normal
+    scale, rest_volume = likeness(elements, wanted, has), float((a * np.cross(b, c)).sum() / 6)
+    config |= {"scale": repr(scale), "rest_volume": repr(rest_volume)}
+    config |= _corrected(body, rest, wanted, scale * has)
+    return Measured(config, weights, offset, rest_volume)
 
 
 def _pushed(grid: Grid, cavity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

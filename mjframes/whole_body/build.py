@@ -6,7 +6,7 @@ mesh and solver → superelement → covariance selection → regions → contro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ from mjframes.whole_body.modes import Lifting, displaced, lifting
 from mjframes.whole_body.probes import Probes, missing, probed, probes
 from mjframes.whole_body.pushes import Pushed, free_surface
 from mjframes.whole_body.regions import bone_frames, regions_of
-from mjframes.whole_body.selection import families, select
+from mjframes.whole_body.selection import select
 from mjframes.whole_body.superelement import Superelement, superelement
 from mjframes.whole_body.weight_correction import assembled, compliance, correction
 
@@ -100,6 +100,7 @@ def whole_body(
     grid: Grid,
     finite: FiniteElements,
     shapes: ShapeFunctions,
+    parents: Mapping[int, Sequence[int]],
     types: Sequence[str],
     links: Sequence[str],
     laws: Sequence[LawParameters],
@@ -107,13 +108,14 @@ def whole_body(
 ) -> Condensed:
     """Return what finite elements on the voxels make of frames with the weights `shapes`.
 
-    types: (f,) of the frames.  links: the bodies that hold the first ones.  laws: of each material of the grid's table,
-    none for the corotational law.  progress: called with what is being done.
+    parents: of each frame, see `families`.  types: (f,) of the frames.  links: the bodies that hold the first ones.
+    laws: of each material of the grid's table, none for the corotational law.
+    progress: called with what is being done.
     """
     held, control = len(links), shapes.control
     progress("condensing the whole body")
     label, sets = frame_sets(shapes.weights)
-    frames_of = [np.flatnonzero(row) for row in sets]
+    frames_of = [np.flatnonzero(row).tolist() for row in sets]
     blocks = blocks_of(grid, label, finite.solver.node[:, 0] < 0)
     report = _counted("condensing the whole body", progress)
     bones = bone_frames(grid, shapes.weights, types, held)
@@ -121,7 +123,7 @@ def whole_body(
     element = superelement(
         grid, shapes.weights, control, types, held, finite.solver, blocks, report, groups(grid.table)
     )
-    parts = select(element.matrix, control, families(frames_of, len(types)), element.shares)
+    parts = select(element.matrix, control, parents, element.shares)
     stiffness, region = regions_of(grid, label, frames_of, control, parts, links, bones)
     covariance = compliance(assembled(stiffness, len(control.frame)), control, types, held)
     progress("refitting the weights")

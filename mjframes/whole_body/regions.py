@@ -1,6 +1,6 @@
 """The regions of the whole body's stiffness, one a frame: which points and voxels each has, and what turns it.
 
-A voxel is of the region of its deepest frame: the others that move it are that one's parents (`selection.families`).
+A voxel is of the region of that of its frames whose parents the others are (`families`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STILL = 1e-12  # [-] stiffness, to the largest, that is rounding
 def regions_of(
     grid: Grid,
     label: NDArray[np.integer],
-    sets: Sequence[NDArray[np.integer]],
+    sets: Sequence[Sequence[int]],
     control: ControlPoints,
     parts: Sequence[Part],
     links: Sequence[str],
@@ -39,21 +39,24 @@ def regions_of(
     strains, as a rigid root.  bones: frames that hold a rigid piece, each of which gets a region of its own besides, of
     no voxels, against strain.
     """
-    held = [{links[i] for i in control.frame[part.points]} if f < len(links) else set() for f, part in enumerate(parts)]
+    held = [{links[i] for i in control.frame[part.points]} if part.frame < len(links) else set() for part in parts]
     firm = STILL * max(np.abs(part.matrix).max() for part in parts)
     kept = [
-        f for f, part in enumerate(parts) if np.abs(part.matrix).max() > firm and (f >= len(links) or len(held[f]) > 1)
+        part
+        for part, holders in zip(parts, held, strict=True)
+        if np.abs(part.matrix).max() > firm and (part.frame >= len(links) or len(holders) > 1)
     ]
-    region = np.array([_region_of(some, parts, control, kept) for some in sets], np.int32)[label]
-    regions = [parts[f] for f in kept] + [_bone(parts[f], control, f) for f in bones]
+    last = {part.frame: place for place, part in enumerate(parts)}
+    region = np.array([_region_of(max(some, key=last.__getitem__), some, kept, control) for some in sets], np.int32)
+    regions = kept + [_bone(parts[last[f]], control) for f in bones]
     stiffness = Stiffness(
         points=tuple(part.points for part in regions),
         gradient=(),
         matrix=tuple(part.matrix for part in regions),
-        volume=np.bincount(region, minlength=len(regions)).astype(np.float64) * grid.cell_volume,
+        volume=np.bincount(region[label], minlength=len(regions)).astype(np.float64) * grid.cell_volume,
         shares=tuple(part.shares for part in regions),
     )
-    return with_rotations(stiffness, control), region
+    return with_rotations(stiffness, control), region[label]
 
 
 def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], held: int) -> list[int]:
@@ -70,19 +73,19 @@ def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], hel
     return [i for i in range(held, len(types)) if most[i] > OWN and types[i] not in ("point", "rigid")]
 
 
-def _bone(part: Part, control: ControlPoints, frame: int) -> Part:
-    """What keeps the points of a frame in shape."""
-    own = control.frame[part.points] == frame
+def _bone(part: Part, control: ControlPoints) -> Part:
+    """What keeps the points of a region's own frame in shape."""
+    own = control.frame[part.points] == part.frame
     points = part.points[own]
     rigid = motion_basis(control.rest[points])
     strain = np.eye(len(rigid)) - rigid @ rigid.T
     firmness = RIGID_RATIO * np.mean(np.diagonal(part.matrix)[np.repeat(own, 3)])
     shares = RIGID_RATIO * np.mean(np.diagonal(part.shares[:, :, -len(rigid) :], axis1=1, axis2=2), axis=1)
-    return Part(points, firmness * strain, shares[:, None, None] * strain)
+    return Part(part.frame, points, firmness * strain, shares[:, None, None] * strain)
 
 
-def _region_of(frames: NDArray[np.integer], parts: Sequence[Part], control: ControlPoints, kept: Sequence[int]) -> int:
-    """The place among `kept` of the region that has all of these frames."""
-    if frames.max() in kept:
-        return kept.index(int(frames.max()))
-    return next(e for e, f in enumerate(kept) if np.isin(frames, control.frame[parts[f].points]).all())
+def _region_of(last: int, frames: Sequence[int], kept: Sequence[Part], control: ControlPoints) -> int:
+    """The place among `kept` of the region that has all of these frames, of which all but the last are its parents."""
+    own = [e for e, part in enumerate(kept) if part.frame == last]
+    others = (e for e, part in enumerate(kept) if np.isin(frames, control.frame[part.points]).all())
+    return own[0] if own else next(others)

@@ -1,7 +1,7 @@
-"""A region a frame: the superelement split along the frames' tree by covariance selection (in place of §5.3's samples).
+"""A region a frame: the superelement split by covariance selection (in place of §5.3's samples).
 
-Eliminate the frames from the leaves up; pa(i) are the frames that are coupled to i by then, all of them its ancestors
-or held. With S_T the stiffness condensed to the frames of T, all others free,
+Eliminate the frames one by one; pa(i) are the frames that are coupled to i by then (`families`). With S_T the stiffness
+condensed to the frames of T, all others free,
 
     K ≈ Σ_i K_i,   K_i = S_{i ∪ pa(i)} − S_{pa(i)} = [−β, 1]ᵀ C [−β, 1]
 
@@ -23,7 +23,7 @@ Index letters: i frame; j, k control point; m material.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,39 +46,30 @@ ON_A_LINE = 1e-9  # [-] singular value of rigid motions, to the largest, of thos
 class Part:
     """The stiffness of one frame's region.
 
+    frame: the child.
     points: (m,) control points, those of its parents first.
     matrix: (3m, 3m) [N/m].
     shares: (p, 3o, 3m) what p materials have of the rows of its own o points [N/m].
     """
 
+    frame: int
     points: NDArray[np.int64]
     matrix: Array
     shares: Array
 
 
-def families(coupled: Iterable[NDArray[np.integer]], frames: int) -> list[list[int]]:
-    """Return pa(i) of each of `frames` frames, ascending, numbered so that parents come before children.
+def select(matrix: Array, control: ControlPoints, parents: Mapping[int, Sequence[int]], shares: Array) -> list[Part]:
+    """Return the region of each frame, in the order of `parents`, from K (3k, 3k).
 
-    coupled: sets of frames that share a voxel.
+    parents: of each frame, which come before it.  shares: (p, 3k, 3k) of K.
     """
-    parents: list[set[int]] = [set() for _ in range(frames)]
-    for members in (some.tolist() for some in coupled):
-        for i in members:
-            parents[i] |= {j for j in members if j < i}
-    for i in reversed(range(frames)):  # eliminating i couples its parents
-        if parents[i]:
-            last = max(parents[i])
-            parents[last] |= parents[i] - {last}
-    return [sorted(some) for some in parents]
-
-
-def select(matrix: Array, control: ControlPoints, parents: Sequence[Sequence[int]], shares: Array) -> list[Part]:
-    """Return the region of each frame whose parents are given, from K (3k, 3k).  shares: (p, 3k, 3k) of it."""
-    points = [np.flatnonzero(np.isin(control.frame, [*some, i])) for i, some in enumerate(parents)]
+    own = [np.flatnonzero(control.frame == i) for i in parents]
+    above = [np.flatnonzero(np.isin(control.frame, some)) for some in parents.values()]
+    points = [np.concatenate(both) for both in zip(above, own, strict=True)]
     cliques = _condense(np.stack([matrix, *shares]), points)
     given = [
-        _part(some, S, control.rest[some], int(np.count_nonzero(control.frame[some] == i)))
-        for i, (some, S) in enumerate(zip(points, cliques, strict=True))
+        _part(i, some, S, control.rest[some], len(last))
+        for i, some, S, last in zip(parents, points, cliques, own, strict=True)
     ]
     rest = np.zeros((1 + len(shares), *matrix.shape))  # by material
     for part in given:
@@ -115,7 +106,7 @@ def _with_pair(
     rest = control.rest[part.points]
     blind = _blind(rigid_motions(rest, rest.mean(axis=0), size_of(rest)))  # but for rounding the matrix is
     matrix = blind @ matrix @ blind
-    return Part(part.points, (matrix + matrix.T) / 2, (shares + of_pair[:, len(matrix) - own :]) @ blind)
+    return Part(part.frame, part.points, (matrix + matrix.T) / 2, (shares + of_pair[:, len(matrix) - own :]) @ blind)
 
 
 def _condense(matrices: Array, sets: list[NDArray[np.int64]]) -> list[Array]:
@@ -153,8 +144,8 @@ def _solve(matrix: Array, right: Array) -> Array:
     return basis @ ((basis.T @ right) / value[:, None])
 
 
-def _part(points: NDArray[np.int64], condensed: Array, rest: Array, own: int) -> Part:
-    """[−β, 1]ᵀ C [−β, 1] of the last `own` points, from S_{i ∪ pa(i)}, its shares, and all points at rest (m, 3)."""
+def _part(frame: int, points: NDArray[np.int64], condensed: Array, rest: Array, own: int) -> Part:
+    """[−β, 1]ᵀ C [−β, 1] of the frame of the last `own` points, from S_{i ∪ pa(i)}, its shares, and rest (m, 3)."""
     n = condensed.shape[1] - 3 * own
     block = condensed[0, n:, n:]
     value, vector = np.linalg.eigh(block)
@@ -172,7 +163,7 @@ def _part(points: NDArray[np.int64], condensed: Array, rest: Array, own: int) ->
         relative = _blind(motion)
         shares = relative.T @ shares @ relative
     added = relative.T @ block @ relative
-    return Part(points, (added + added.T) / 2, shares)
+    return Part(frame, points, (added + added.T) / 2, shares)
 
 
 def _blind(motion: Array) -> Array:
@@ -187,7 +178,7 @@ def split(
 
     The frames are eliminated from the last one on, and a frame's own block with what it couples to is its region's.
     matrices: (M, 3k, 3k) what each material has of it.  scale: (3k,) the diagonal of K, of which it is a part.
-    regions: (m,) control points of each, the child's last.
+    regions: (m,) control points of each, the child's last; parents come before their children.
     """
     rest, by_one, parts = matrices.sum(axis=0), matrices.copy(), []
     for points in reversed(regions):

@@ -105,8 +105,8 @@ DAMAGED = {
     "large region": ("region_size", r"[^\"]*", encode([2**30]), "its region arrays do not match each other"),
     "no regions": ("region_size", r"[^\"]*", encode(np.zeros(0, int)), "it has no regions"),
     "fewer patches": ("patch_size", r"[^\"]*", encode([4]), "its patch geoms do not match its patches"),
-    "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 17), "its patch arrays do not match each other"),
-    "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 68), "a cluster of a patch has no valid size"),
+    "many clusters": ("patch_clusters", r"[^\"]*", encode([99] * 15), "its patch arrays do not match each other"),
+    "empty clusters": ("patch_cluster_size", r"[^\"]*", encode([0] * 60), "a cluster of a patch has no valid size"),
     "negative lattice weights": (
         "lattice_weight",
         r"(i16:\d+:).{48}",
@@ -156,7 +156,7 @@ DAMAGED = {
     "patch points": (
         "patch_point",
         r"[^\"]*",
-        encode([99] * 164),
+        encode([99] * 156),
         "a patch's control points are not those of the body",
     ),
 }

@@ -63,9 +63,9 @@ def test_so_it_does_on_links_and_with_all_types_of_frames(case: str) -> None:
     check_virtual_work(spec, ["muscle"], 0.01)
 
 
-@pytest.mark.parametrize(("samples", "most"), [(ALL, 1e-9), (200, 0.015), (100, 0.03)])
+@pytest.mark.parametrize(("samples", "most"), [(ALL, 1e-9), (200, 0.025), (100, 0.04)])
 def test_its_length_is_the_stretch_of_the_bodys_own_deformation_gradient(samples: int, most: float) -> None:
-    """Sampled, it is within 3 % of ∫ ||F f| − 1| dV on states in which frames have nothing to do with each other."""
+    """Sampled, it is within 4 % of ∫ ||F f| − 1| dV on states in which frames have nothing to do with each other."""
     body = hollow_body(10)
     spec = actuated(body, twisted(samples))
     model = spec.compile()
@@ -117,8 +117,12 @@ def test_a_free_bar_contracts_by_stress_over_youngs_modulus(stress: float) -> No
     assert strain == pytest.approx(stress / YOUNG, rel=0.05)
     rest = 24 * 4 * 4 * EDGE**3
     assert 1 - data.ten_length[0] / rest == pytest.approx(stress / YOUNG, rel=0.1)
-    sides = mf.soft(model, data, "bar", strip()).positions(np.array([(0.06, EDGE / 2, 0.01), (0.06, 0.0175, 0.01)]))
-    assert np.linalg.norm(sides[1] - sides[0]) / (3 * EDGE) - 1 == pytest.approx(0.3 * stress / YOUNG, rel=0.1)
+    view, along = mf.soft(model, data, "bar", strip()), EDGE * (np.arange(24) + 0.5)
+    low, high = (
+        view.positions(np.column_stack([along, np.full(24, y), np.full(24, 0.01)])) for y in (EDGE / 2, 0.0175)
+    )
+    wider = np.linalg.norm(high - low, axis=1) / (3 * EDGE) - 1
+    assert wider.mean() == pytest.approx(0.3 * stress / YOUNG, rel=0.1)
 
 
 def test_mujocos_muscle_pulls_and_a_servo_holds_it_short() -> None:

@@ -318,6 +318,7 @@ def test_copies_and_saved_scenes_feel_the_same(tmp_path) -> None:
 def test_too_little_memory_is_told_and_the_sum_stays() -> None:
     spec = feeling(pad(), grid(), mf.Contact())
     spec.memory = 120_000
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE  # dense ones need more
     body = spec.worldbody.add_body(name="object", pos=(*TOP[:2], THICK + 0.0299))
     body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, -1))
     body.add_geom(mass=0.1, **SHAPES["box"])

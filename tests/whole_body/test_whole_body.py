@@ -18,7 +18,6 @@ from scipy import sparse
 import mjframes as mf
 from mjframes.body.frames import Frames, place
 from mjframes.body.options import BuildOptions
-from mjframes.elasticity.regions import frame_sets
 from mjframes.elasticity.shares import groups
 from mjframes.finite_elements.element import CORNERS
 from mjframes.finite_elements.solver import body_solver
@@ -27,7 +26,7 @@ from mjframes.scene.view import soft
 from mjframes.volume.grid import evened, voxel_grid
 from mjframes.whole_body.error import BodyError
 from mjframes.whole_body.regions import bone_frames
-from mjframes.whole_body.selection import families, select
+from mjframes.whole_body.selection import select
 from mjframes.whole_body.superelement import Superelement, degrees, moments, superelement
 from mjframes.whole_body.weight_correction import assembled, compliance
 
@@ -167,9 +166,9 @@ def test_parts_are_exact_on_every_clique(frame_type: str) -> None:
     """The sum of all parts, with all other frames free, is K with all others free."""
     _, frames, element = small(1, frame_type)
     control, count = frames.shapes.control, len(frames.types)
-    parents = families([np.flatnonzero(row) for row in frame_sets(frames.shapes.weights)[1]], count)
-    assert any(len(some) < i for i, some in enumerate(parents))  # not all are coupled
-    parts = select(element.matrix, control, parents, element.shares)
+    assert frames.parents is not None
+    assert sum(map(len, frames.parents.values())) < count * (count - 1) / 2  # not all are coupled
+    parts = select(element.matrix, control, frames.parents, element.shares)
     total = np.zeros_like(element.matrix)
     motion = rigid(control.rest)
     for part in parts:
@@ -189,7 +188,7 @@ def test_parts_are_blind_to_rigid_motions(frame_type: str, held: int) -> None:
     """Even those of points, whose weights do not turn with the body."""
     _, frames, element = small(held, frame_type)
     control = frames.shapes.control
-    for part in select(element.matrix, control, [list(range(i)) for i in range(len(frames.types))], element.shares):
+    for part in select(element.matrix, control, {i: range(i) for i in range(len(frames.types))}, element.shares):
         motion = rigid(control.rest[part.points])
         assert np.abs(part.matrix @ motion).max() < 1e-12 * np.abs(element.matrix).max()
 
@@ -198,7 +197,7 @@ def test_whole_families_are_exact() -> None:
     """Where every frame is coupled to every other the parts sum up to K itself."""
     _, frames, element = small(0)
     count = len(frames.types)
-    parts = select(element.matrix, frames.shapes.control, [list(range(i)) for i in range(count)], element.shares)
+    parts = select(element.matrix, frames.shapes.control, {i: range(i) for i in range(count)}, element.shares)
     total = np.zeros_like(element.matrix)
     for part in parts:
         total[np.ix_(degrees(part.points), degrees(part.points))] += part.matrix
