@@ -6,7 +6,8 @@ more, the farther the region reaches. In the order of the kinematic tree, whose 
 reach over half of a bar, and a bar that a cable bends by 45° is a fifth too stiff.
 
 The stiffness between frames that no region has together is only implied by others in between (`selection`). So frames
-that are near each other are coupled, too, nearest first, as many as cost little more than the tree's order does.
+that are near each other are coupled, too, nearest first, as many as cost little more than the tree's order does. Where
+all frames are coupled anyway, the tree's order is taken.
 """
 
 from __future__ import annotations
@@ -23,9 +24,7 @@ from mjframes.kinematics.tree import frame_tree
 Array = NDArray[np.float64]
 Families = dict[int, tuple[int, ...]]
 
-ALLOWED = (
-    1.15  # [-] Σ n² of all regions of n frames, to the tree's: free steps of 5–20 frames take 1–1.16 times
-)
+ALLOWED = 1.15  # [-] Σ n² of all regions of n frames, to the tree's: free steps of 5–20 frames take 1–1.16 times
 ALIKE = 1e-6  # [-] of two lengths that count as one, to the longest of all: they differ by rounding
 
 
@@ -40,7 +39,10 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
     known = {pair for members in coupled for pair in combinations(sorted(members), 2)}
     others = sorted(set(combinations(range(len(middle)), 2)) - known, key=lambda pair: (apart[pair], pair))
     tree = frame_tree(sorted(known), len(middle), held).order
-    allowed = ALLOWED * _cost(_eliminated(known, tree[::-1].tolist()))
+    of_tree = _eliminated(known, tree[::-1].tolist())
+    if not others:
+        return of_tree
+    allowed = ALLOWED * _cost(of_tree)
 
     def found(more: int) -> Families:
         return _shortest_first(known.union(others[:more]), apart, held)
@@ -59,7 +61,7 @@ def _shortest_first(pairs: Iterable[tuple[int, int]], apart: Array, held: int) -
     def length(i: int) -> tuple[bool, float, float, float, int]:
         members = [i, *left[i]]
         reach = apart[np.ix_(members, members)].max()
-        return i < held, reach, -apart[i, members].sum(), -apart[i].sum(), -i
+        return i < held, reach, -apart[i, members].sum(), -apart[i].sum(), i
 
     lengths, found = {i: length(i) for i in left}, []
     while left:
@@ -72,7 +74,7 @@ def _shortest_first(pairs: Iterable[tuple[int, int]], apart: Array, held: int) -
 def _eliminated(pairs: Iterable[tuple[int, int]], order: Sequence[int]) -> Families:
     """The families where frames are eliminated in this order."""
     left = _neighbours(pairs, len(order))
-    return {child: _eliminate(child, left) for child in order}
+    return dict(reversed([(child, _eliminate(child, left)) for child in order]))
 
 
 def _neighbours(pairs: Iterable[tuple[int, int]], frames: int) -> dict[int, set[int]]:

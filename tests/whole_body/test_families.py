@@ -67,8 +67,16 @@ def test_regions_are_short_at_little_cost(middle: np.ndarray, reach: float, shor
 
 def test_of_one_set_the_farthest_goes_first() -> None:
     """What remains of it is shorter."""
-    middle = np.array([(0.0, 0, 0), (3.0, 0, 0), (1.0, 0, 0), (2.0, 0, 0)])
-    assert list(families([(0, 1, 2, 3)], middle, 1).items()) == [(0, ()), (2, (0,)), (3, (0, 2)), (1, (0, 2, 3))]
+    middle = np.array([(0.0, 0, 0), (3.0, 0, 0), (1.0, 0, 0), (2.0, 0, 0), (-1.0, 0, 0)])
+    found = families([(0, 1, 2, 3), (0, 4)], middle, 1)
+    assert {i: parents for i, parents in found.items() if i != 4} == {0: (), 2: (0,), 3: (0, 2), 1: (0, 2, 3)}
+
+
+def test_where_all_are_coupled_the_order_is_the_trees() -> None:
+    order = frame_tree([tuple(range(9))], 9).order
+    found = families([tuple(range(9))], mixed(ROW), 0)
+    assert list(found) == order.tolist()
+    assert all(parents == tuple(sorted(order[:place])) for place, parents in enumerate(found.values()))
 
 
 def test_names_follow_the_tree() -> None:
