@@ -47,7 +47,7 @@ struct Cell {
 
 // One region: the control points that move it and how stiffly (m points).
 struct Region {
-  std::vector<int32_t> point;     // control points, ancestors first         (m)
+  std::vector<int32_t> point;     // control points                          (m)
   std::vector<Vec3> rest;         // x̄_j minus their mean [m]                (m)
   std::vector<Vec3> gradient;     // ḡ_j [1/m]                               (m)
   bool solid;                     // whether ḡ shows all of F: its points do not lie in a plane at rest

@@ -170,7 +170,7 @@ bool Kinematics::IsAbove(int upper, int lower) const {
 }
 
 bool Kinematics::Couple(int j, int k, int* pair) {
-  int& known = pair_of_[j * points_.size() + k];  // a block is of one order of its points
+  int& known = pair_of_[std::max(j, k) * points_.size() + std::min(j, k)];
   if (known < 0) {
     const int nj = points_[j].mover, nk = points_[k].mover;
     PointPair added = {j, k, -1, false};

@@ -21,7 +21,7 @@ constexpr char kRegionMismatch[] = "its region arrays do not match each other";
 
 // The control points of each region, and the pairs that their blocks belong to.
 struct Coupling {
-  std::vector<int32_t> point;  // ancestors first  (m)
+  std::vector<int32_t> point;  // (m)
   std::vector<int32_t> pair;   // (j, k ≤ j)       (m(m+1)/2)
 };
 

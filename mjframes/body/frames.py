@@ -28,7 +28,7 @@ class Frames:
 
     types: (f,).
     seeds: the voxels of each frame's core.
-    tree: of elimination.
+    tree: the kinematic one.
     shapes: their weights, not corrected.
     regions: the paper's integration samples, None where the whole body is condensed.
     parents: of each frame in its region of the whole body, None for the paper's method.

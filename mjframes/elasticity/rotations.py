@@ -1,8 +1,8 @@
 """The gradients that tell how regions are turned, where each region is what one frame adds to its parents.
 
-A region has the control points of a frame, the child, after those of its parents, frames that come before it in the
-tree. Its rotation is the one closest to F = Σ_j x_j g_jᵀ (corotational.py); these are the gradients g, linear
-fits to the points at rest, X_j:
+A region has the control points of a frame, the child, after those of its parents (whole_body/families.py). Its rotation
+is the one closest to F = Σ_j x_j g_jᵀ (corotational.py); these are the gradients g, linear fits to the points at rest,
+X_j:
 
     g°_j = A_p⁺ (X_j − c_p)                   of frame p alone: A_p = Σ_j (X_j − c_p)(X_j − c_p)ᵀ, c_p = mean of X_j
     ḡ_j  = ½ g°_j                              on the child's points

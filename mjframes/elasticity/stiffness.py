@@ -31,7 +31,7 @@ SHARE = 1 << 15  # [voxels] that one thread sums up at a time
 class Stiffness:
     """The stiffness of r regions; m is the number of a region's control points.
 
-    points: (m,) control points of each, ancestors in the tree first.
+    points: (m,) control points of each; of the whole body those of the region's own frame last.
     gradient: (m, 3) ḡ_j that show how it is turned [1/m]: mean of ∇W_j by E dV, or as in rotations.py.
     matrix: (3m, 3m) K_e [N/m], degree of freedom 3a + xyz of the a-th point.
     volume: (r,) [m³].

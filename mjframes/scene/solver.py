@@ -53,8 +53,10 @@ def choose_solver(spec: mujoco.MjSpec) -> None:
 
 def avoid_wrong_solver(spec: mujoco.MjSpec, version: str = mujoco.mj_versionString()) -> None:
     """Have MuJoCo 4.0.0 use dense Jacobians where a spec leaves the choice to it: its sparse Newton solver is wrong."""
-    if version == WRONG_SPARSE and spec.option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO:
-        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option = spec.option
+    is_newton = option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    if version == WRONG_SPARSE and is_newton and option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO:
+        option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
 def rule() -> str:

@@ -104,9 +104,10 @@ class Elements:
 
 def likeness(elements: Elements, wanted: Array, has: Array) -> float:
     """Return a, the multiple of the slopes `has` (k, 3) that is closest to those that are wanted, in what they move."""
-    moves = degrees(np.flatnonzero(elements.body.control.frame >= elements.body.held))
-    known, goal = has.ravel()[moves], wanted.ravel()[moves]
-    moved = np.linalg.lstsq(elements.stiffness[np.ix_(moves, moves)], known, rcond=STILL)[0]
+    body = elements.body
+    moves = frame_motions(body.control, body.types, body.control.rest, body.held, body.held)
+    known, goal = moves.T @ has.ravel(), moves.T @ wanted.ravel()
+    moved = np.linalg.lstsq(moves.T @ elements.stiffness @ moves, known, rcond=STILL)[0]
     energy = float(known @ moved)
     return max(float(goal @ moved) / energy, 0.0) if energy > 0 else 1.0
 

@@ -1,6 +1,6 @@
 """Chambers and fibres of a soft body as MuJoCo's tendons, whose length and Jacobian the plugin supplies.
 
-    V = Σ p_a · (p_b × p_c) / 6     volume of a chamber [m³]: a motor's force on it is a pressure [Pa]
+    V = Σ p_a · (p_b × p_c) / 6     of a chamber [m³], its change scaled: a motor's force on it is a pressure [Pa]
     L = Σ_k |p_k+1 − p_k|           length of a fibre [m]: a tension [N]
 
 with p = Σ_j W_j x_j (the paper, equation (3)). MuJoCo's own path of such a tendon is a placeholder: a segment as long

@@ -7,7 +7,7 @@ reach over half of a bar, and a bar that a cable bends by 45° is a fifth too st
 
 The stiffness between frames that no region has together is only implied by others in between (`selection`). So frames
 that are near each other are coupled, too, nearest first, as many as cost little more than the tree's order does. Where
-all frames are coupled anyway, the tree's order is taken.
+all frames are coupled anyway, or short regions cost too much, as in large plates, the tree's order is taken.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from mjframes.kinematics.tree import frame_tree
 
@@ -29,7 +31,7 @@ ALIKE = 1e-6  # [-] of two lengths that count as one, to the longest of all: the
 
 
 def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Families:
-    """Return pa(i) of each frame i, ascending; parents come before their children in the dictionary.
+    """Return the parents pa(i), ascending, of each frame i; parents come before their children in the dictionary.
 
     coupled: sets of frames that share a voxel.  middle: (f, 3) of each frame.  held: how many frames, the first ones,
     are held. They are eliminated last.
@@ -37,6 +39,7 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
     apart = np.linalg.norm(middle[:, None] - middle, axis=2)
     apart = np.round(apart / max(ALIKE * apart.max(), np.finfo(float).tiny))
     known = {pair for members in coupled for pair in combinations(sorted(members), 2)}
+    known |= _bridges(known, apart)
     others = sorted(set(combinations(range(len(middle)), 2)) - known, key=lambda pair: (apart[pair], pair))
     tree = frame_tree(sorted(known), len(middle), held).order
     of_tree = _eliminated(known, tree[::-1].tolist())
@@ -48,7 +51,21 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
         return _shortest_first(known.union(others[:more]), apart, held)
 
     more = bisect_right(range(1, len(others) + 1), allowed, key=lambda count: _cost(found(count)))
-    return found(more)
+    return best if _cost(best := found(more)) <= allowed else of_tree
+
+
+def _bridges(pairs: set[tuple[int, int]], apart: Array) -> set[tuple[int, int]]:
+    """The nearest pairs that make one body of frames that share no voxels with the others."""
+    found: set[tuple[int, int]] = set()
+    while True:
+        rows, columns = np.array([*pairs, *found], int).reshape(-1, 2).T
+        graph = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=apart.shape)
+        count, part = connected_components(graph, directed=False)
+        if count <= 1:
+            return found
+        away = np.where(part[:, None] == part, np.inf, apart)
+        i, j = np.unravel_index(np.argmin(away), away.shape)
+        found.add((int(min(i, j)), int(max(i, j))))
 
 
 def _shortest_first(pairs: Iterable[tuple[int, int]], apart: Array, held: int) -> Families:

@@ -34,10 +34,10 @@ def regions_of(
 ) -> tuple[Stiffness, NDArray[np.int32]]:
     """Return the regions' stiffness, and the region (n,) of each voxel.
 
-    label: (n,) which of the `sets` of frames moves each voxel.  parts: (f,) what each frame adds.  links: the bodies
-    that hold the first frames; what only frames of one body would share needs no region, nor does a frame that nothing
-    strains, as a rigid root.  bones: frames that hold a rigid piece, each of which gets a region of its own besides, of
-    no voxels, against strain.
+    label: (n,) which of the `sets` of frames moves each voxel.  parts: (f,) what each frame adds.
+    links: the bodies that hold the first frames; what only frames of one body would share needs no region, if others
+    have its voxels, nor does a frame that nothing strains, as a rigid root.
+    bones: frames that hold a rigid piece, each of which gets a region of its own besides, of no voxels, against strain.
     """
     held = [{links[i] for i in control.frame[part.points]} if part.frame < len(links) else set() for part in parts]
     firm = STILL * max(np.abs(part.matrix).max() for part in parts)
@@ -47,6 +47,10 @@ def regions_of(
         if np.abs(part.matrix).max() > firm and (part.frame >= len(links) or len(holders) > 1)
     ]
     last = {part.frame: place for place, part in enumerate(parts)}
+    known = [set(control.frame[part.points].tolist()) for part in kept]
+    between = [some for some in sets if not any(frames.issuperset(some) for frames in known)]  # pieces of one body
+    others = {max(some, key=last.__getitem__) for some in between}
+    kept = [part for part in parts if part in kept or part.frame in others]
     region = np.array([_region_of(max(some, key=last.__getitem__), some, kept, control) for some in sets], np.int32)
     regions = kept + [_bone(parts[last[f]], control) for f in bones]
     stiffness = Stiffness(

@@ -47,7 +47,7 @@ class Part:
     """The stiffness of one frame's region.
 
     frame: the child.
-    points: (m,) control points, those of its parents first.
+    points: (m,) control points, frame by frame in the order of elimination, those of its parents first.
     matrix: (3m, 3m) [N/m].
     shares: (p, 3o, 3m) what p materials have of the rows of its own o points [N/m].
     """
@@ -64,8 +64,9 @@ def select(matrix: Array, control: ControlPoints, parents: Mapping[int, Sequence
     parents: of each frame, which come before it.  shares: (p, 3k, 3k) of K.
     """
     own = [np.flatnonzero(control.frame == i) for i in parents]
-    above = [np.flatnonzero(np.isin(control.frame, some)) for some in parents.values()]
-    points = [np.concatenate(both) for both in zip(above, own, strict=True)]
+    place = {i: number for number, i in enumerate(parents)}  # of all regions the same, so that a pair has one order
+    members = [[*sorted(some, key=place.__getitem__), i] for i, some in parents.items()]
+    points = [np.concatenate([own[place[j]] for j in some]) for some in members]
     cliques = _condense(np.stack([matrix, *shares]), points)
     given = [
         _part(i, some, S, control.rest[some], len(last))

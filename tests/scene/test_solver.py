@@ -38,12 +38,14 @@ def test_the_choice_is_by_degrees_of_freedom(count: int, solver: str, sparse: bo
 
 @pytest.mark.parametrize(("version", "form"), [("4.0.0", "DENSE"), ("4.0.1", "AUTO"), ("3.17.0", "AUTO")])
 def test_the_wrong_sparse_newton_is_avoided(version: str, form: str) -> None:
-    spec, own = mujoco.MjSpec(), mujoco.MjSpec()
+    spec, own, gradients = mujoco.MjSpec(), mujoco.MjSpec(), mujoco.MjSpec()
     own.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    for one in (spec, own):
+    gradients.option.solver = mujoco.mjtSolver.mjSOL_CG
+    for one in (spec, own, gradients):
         avoid_wrong_solver(one, version)
     assert spec.option.jacobian == getattr(mujoco.mjtJacobian, f"mjJAC_{form}")
     assert own.option.jacobian == mujoco.mjtJacobian.mjJAC_SPARSE  # the user's own choice
+    assert gradients.option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO
 
 
 def test_advice_is_what_would_be_chosen() -> None:

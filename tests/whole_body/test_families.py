@@ -13,6 +13,7 @@ from mjframes.whole_body.families import ALLOWED, families, renamed
 
 ROW = np.arange(9.0)[:, None] * (1, 0, 0)
 PAIRS = np.array([(x, y, 0.0) for x in range(6) for y in range(2)])
+PLATE = np.array([(x, y, 0.0) for x in range(8) for y in range(8)])
 RING = np.array([(np.cos(a), np.sin(a), 0) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
 
 
@@ -63,6 +64,20 @@ def test_regions_are_short_at_little_cost(middle: np.ndarray, reach: float, shor
     mean, before = (np.mean([np.ptp(middle[list(some)], axis=0).max() for some in each]) for each in (found, others))
     assert mean < shorter * before
     assert sum(len(some) ** 2 for some in found) <= ALLOWED * sum(len(some) ** 2 for some in others)
+
+
+@pytest.mark.parametrize(("middle", "reach"), [(mixed(PLATE), 1.1), (mixed(PLATE), 1.5), (mixed(PAIRS), 1.1)])
+def test_they_never_cost_much_more_than_the_trees(middle: np.ndarray, reach: float) -> None:
+    pairs = near(middle, reach)
+    cost = sum((1 + len(parents)) ** 2 for parents in families(pairs, middle, 0).values())
+    assert cost <= ALLOWED * sum(len(some) ** 2 for some in of_the_tree(pairs, len(middle)))
+
+
+def test_frames_that_share_no_voxels_are_bridged() -> None:
+    """A body is one piece, whatever its frames share."""
+    found = families([(0, 1), (2, 3)], ROW[[0, 1, 3, 4]], 0)
+    assert 2 in found[1] or 1 in found[2]
+    assert list(families([], ROW[:1], 0).items()) == [(0, ())]
 
 
 def test_of_one_set_the_farthest_goes_first() -> None:
