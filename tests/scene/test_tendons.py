@@ -98,6 +98,14 @@ def test_lengths_are_those_of_the_moved_points_with_their_correction(law: str) -
         assert data.sensor("cable").data[0] == pytest.approx(length, rel=1e-9)
 
 
+@pytest.mark.parametrize("types", ["affine", "rigid"])
+def test_a_chamber_counts_most_of_its_frames_volume(types: str) -> None:
+    """Of what frames can do, whatever its type: strains of rigid frames would count it a tenth."""
+    spec = actuated(hollow_body(5, types=types), {"air": mf.Chamber(CENTRE)})
+    config = next(dict(other.config) for other in spec.plugins if other.name == "air")
+    assert 0.6 < float(config["scale"]) < 1.6
+
+
 def weights_at(body: SoftBody, points: np.ndarray) -> np.ndarray:
     return body.shapes.at(voxel_grid(body.fields.volume), points).toarray()
 
