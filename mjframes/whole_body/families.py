@@ -7,7 +7,8 @@ reach over half of a bar, and a bar that a cable bends by 45° is a fifth too st
 
 The stiffness between frames that no region has together is only implied by others in between (`selection`). So frames
 that are near each other are coupled, too, nearest first, as many as cost little more than the tree's order does. Where
-all frames are coupled anyway, or short regions cost too much, as in large plates, the tree's order is taken.
+all frames are coupled anyway, or short regions cost too much, as in large plates, or several pieces are held, the
+tree's order is taken.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
     others = sorted(set(combinations(range(len(middle)), 2)) - known, key=lambda pair: (apart[pair], pair))
     tree = frame_tree(sorted(known), len(middle), held).order
     of_tree = _eliminated(known, tree[::-1].tolist())
-    if not others:
+    if not others or held > 1:  # flesh on many moving bones, as a running rat's, lets go of them with short regions
         return of_tree
     allowed = ALLOWED * _cost(of_tree)
 

@@ -124,7 +124,7 @@ def test_pressures_are_those_of_finite_elements(
     _, data = pressed(shape, force, dents, grid(taxel), frames)
     found = read(data, "pressure").reshape(16, 16)
     error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
-    assert error < {"box": 0.08, "ball": 0.11}[shape]
+    assert error < {"box": 0.08, "ball": 0.11 if dents else 0.15}[shape]
     assert read(data, "resultant")[0, 2] == pytest.approx(-force, rel=0.02)
     across = 2 * np.sqrt((expected > 0.1 * expected.max()).sum() / np.pi) * taxel
     away = read(data, "pressure_centre")[0, :2] - TOP[:2]

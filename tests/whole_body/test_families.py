@@ -91,6 +91,7 @@ def test_where_all_are_coupled_the_order_is_the_trees() -> None:
     order = frame_tree([tuple(range(9))], 9).order
     found = families([tuple(range(9))], mixed(ROW), 0)
     assert list(found) == order.tolist()
+    assert list(families(near(ROW, 1.1), ROW, 2)) == frame_tree(near(ROW, 1.1), 9, 2).order.tolist()
     assert all(parents == tuple(sorted(order[:place])) for place, parents in enumerate(found.values()))
 
 
