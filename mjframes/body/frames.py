@@ -59,9 +59,13 @@ def place(
         raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
     _require_voxels(types, len(grid.index))
     shares = weights_of(options.weights).at_voxels(metric, placement)
-    regions = split_regions(grid, shares, options.paper.samples) if options.paper else None
-    parents = None if regions else _parents(metric, shares, len(cores))
-    sets = regions.frames if regions else [(i, *others) for i, others in (parents or {}).items()]
+    regions, parents = None, None
+    if options.paper:
+        regions = split_regions(grid, shares, options.paper.samples)
+        sets = regions.frames
+    else:
+        parents = _parents(metric, shares, len(cores))
+        sets = [(i, *others) for i, others in parents.items()]
     tree = frame_tree(sets, len(types), len(cores))
     types = tuple(types[i] for i in tree.order)
     seeds = tuple(placement.seeds[i] for i in tree.order)

@@ -35,14 +35,28 @@ class Tree:
 
 def elimination_tree(sets: Iterable[Sequence[int]], frames: int) -> Tree:
     """Return the tree of `frames` frames in which the frames of each of `sets` lie on one path from the root."""
-    graph: Graph = {i: set() for i in range(frames)}
-    for members in sets:
-        for i, j in combinations(members, 2):
-            graph[i].add(j)
-            graph[j].add(i)
+    graph = graph_of(sets, frames)
     orders = [_minimum_degree(graph), *(_nested_dissection(graph, price) for price in SEPARATOR_PRICES)]
     trees = [_rooted(_parents(graph, order)) for order in orders]
     return min(trees, key=lambda tree: int(np.sum(depths(tree) ** 2)))
+
+
+def graph_of(sets: Iterable[Sequence[int]], frames: int) -> Graph:
+    """Return the neighbours of each of `frames` frames: those that are in one of `sets` with it."""
+    graph: Graph = {i: set() for i in range(frames)}
+    for i, j in (pair for members in sets for pair in combinations(members, 2)):
+        graph[i].add(j)
+        graph[j].add(i)
+    return graph
+
+
+def eliminate(frame: int, graph: Graph) -> set[int]:
+    """Take a frame out of a graph, couple its neighbours to each other, and return them."""
+    neighbours = graph.pop(frame)
+    for i in neighbours:
+        graph[i] |= neighbours
+        graph[i] -= {frame, i}
+    return neighbours
 
 
 def depths(tree: Tree) -> NDArray[np.int64]:
@@ -85,12 +99,8 @@ def _minimum_degree(graph: Graph) -> list[int]:
     left = {i: set(neighbours) for i, neighbours in graph.items()}
     order = []
     while left:
-        i = min(left, key=lambda j: (len(left[j]), j))
-        neighbours = left.pop(i)
-        for j in neighbours:
-            left[j] |= neighbours
-            left[j] -= {i, j}
-        order.append(i)
+        order.append(min(left, key=lambda j: (len(left[j]), j)))
+        eliminate(order[-1], left)
     return order
 
 
@@ -100,7 +110,7 @@ def _nested_dissection(graph: Graph, price: int) -> list[int]:
     waiting = [set(graph)]
     while waiting:  # filled from the back: separators come off first
         component = waiting.pop()
-        for part in _components(graph, component):
+        for part in components(graph, component):
             separator = _separator(graph, part, price)
             order.extend(sorted(separator))
             if rest := part - separator:
@@ -114,7 +124,7 @@ def _separator(graph: Graph, part: set[int], price: int) -> set[int]:
     for start in sorted(part):
         for level, beyond in pairwise(_levels(graph, part, start)[1:]):
             separator = {i for i in level if graph[i] & beyond}
-            cost = price * len(separator) + max(len(c) for c in _components(graph, part - separator))
+            cost = price * len(separator) + max(len(c) for c in components(graph, part - separator))
             if cost < lowest:
                 cheapest, lowest = separator, cost
     return cheapest
@@ -128,7 +138,8 @@ def _levels(graph: Graph, part: set[int], start: int) -> list[set[int]]:
     return levels
 
 
-def _components(graph: Graph, part: set[int]) -> list[set[int]]:
+def components(graph: Graph, part: set[int]) -> list[set[int]]:
+    """Return the connected components of a part of a graph."""
     found, left = [], set(part)
     while left:
         component = set().union(*_levels(graph, left, min(left)))

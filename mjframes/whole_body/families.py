@@ -19,10 +19,8 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from mjframes.kinematics.tree import frame_tree
+from mjframes.kinematics.tree import components, eliminate, frame_tree, graph_of
 
 Array = NDArray[np.float64]
 Families = dict[int, tuple[int, ...]]
@@ -59,14 +57,13 @@ def _bridges(pairs: set[tuple[int, int]], apart: Array) -> set[tuple[int, int]]:
     """The nearest pairs that make one body of frames that share no voxels with the others."""
     found: set[tuple[int, int]] = set()
     while True:
-        rows, columns = np.array([*pairs, *found], int).reshape(-1, 2).T
-        graph = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=apart.shape)
-        count, part = connected_components(graph, directed=False)
-        if count <= 1:
+        graph = graph_of(pairs | found, len(apart))
+        first, *others = components(graph, set(graph))
+        if not others:
             return found
-        away = np.where(part[:, None] == part, np.inf, apart)
-        i, j = np.unravel_index(np.argmin(away), away.shape)
-        found.add((int(min(i, j)), int(max(i, j))))
+        near, far = sorted(first), sorted(set(graph) - first)
+        i, j = np.unravel_index(np.argmin(apart[np.ix_(near, far)]), (len(near), len(far)))
+        found.add((min(near[i], far[j]), max(near[i], far[j])))
 
 
 def _shortest_first(pairs: Iterable[tuple[int, int]], apart: Array, held: int) -> Families:
@@ -74,7 +71,7 @@ def _shortest_first(pairs: Iterable[tuple[int, int]], apart: Array, held: int) -
 
     Of two frames the one nearer to the middle of the body stays: other regions follow the last one's shape.
     """
-    left = _neighbours(pairs, len(apart))
+    left = graph_of(pairs, len(apart))
 
     def length(i: int) -> tuple[bool, float, float, float, int]:
         members = [i, *left[i]]
@@ -84,32 +81,16 @@ def _shortest_first(pairs: Iterable[tuple[int, int]], apart: Array, held: int) -
     lengths, found = {i: length(i) for i in left}, []
     while left:
         child = min(left, key=lengths.__getitem__)
-        found.append((child, _eliminate(child, left)))
-        lengths.update((i, length(i)) for i in found[-1][1])
+        parents = eliminate(child, left)
+        lengths.update((i, length(i)) for i in parents)
+        found.append((child, tuple(sorted(parents))))
     return dict(reversed(found))
 
 
 def _eliminated(pairs: Iterable[tuple[int, int]], order: Sequence[int]) -> Families:
     """The families where frames are eliminated in this order."""
-    left = _neighbours(pairs, len(order))
-    return dict(reversed([(child, _eliminate(child, left)) for child in order]))
-
-
-def _neighbours(pairs: Iterable[tuple[int, int]], frames: int) -> dict[int, set[int]]:
-    found: dict[int, set[int]] = {i: set() for i in range(frames)}
-    for i, j in pairs:
-        found[i].add(j)
-        found[j].add(i)
-    return found
-
-
-def _eliminate(child: int, left: dict[int, set[int]]) -> tuple[int, ...]:
-    """Take a frame out of what is left, couple its parents, and return them."""
-    parents = left.pop(child)
-    for i in parents:
-        left[i] |= parents
-        left[i] -= {i, child}
-    return tuple(sorted(parents))
+    left = graph_of(pairs, len(order))
+    return dict(reversed([(child, tuple(sorted(eliminate(child, left)))) for child in order]))
 
 
 def _cost(some: Families) -> int:

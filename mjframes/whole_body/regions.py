@@ -47,11 +47,10 @@ def regions_of(
         if np.abs(part.matrix).max() > firm and (part.frame >= len(links) or len(holders) > 1)
     ]
     last = {part.frame: place for place, part in enumerate(parts)}
-    known = [set(control.frame[part.points].tolist()) for part in kept]
-    between = [some for some in sets if not any(frames.issuperset(some) for frames in known)]  # pieces of one body
-    others = {max(some, key=last.__getitem__) for some in between}
-    kept = [part for part in parts if part in kept or part.frame in others]
-    region = np.array([_region_of(max(some, key=last.__getitem__), some, kept, control) for some in sets], np.int32)
+    children = [max(some, key=last.__getitem__) for some in sets]
+    between = {i for i, some in zip(children, sets, strict=True) if not _regions_with(some, kept, control)}
+    kept = [part for part in parts if part in kept or part.frame in between]  # between pieces of one body
+    region = np.array([_region_of(i, some, kept, control) for i, some in zip(children, sets, strict=True)], np.int32)
     regions = kept + [_bone(parts[last[f]], control) for f in bones]
     stiffness = Stiffness(
         points=tuple(part.points for part in regions),
@@ -88,8 +87,12 @@ def _bone(part: Part, control: ControlPoints) -> Part:
     return Part(part.frame, points, firmness * strain, shares[:, None, None] * strain)
 
 
-def _region_of(last: int, frames: Sequence[int], kept: Sequence[Part], control: ControlPoints) -> int:
-    """The place among `kept` of the region that has all of these frames, of which all but the last are its parents."""
-    own = [e for e, part in enumerate(kept) if part.frame == last]
-    others = (e for e, part in enumerate(kept) if np.isin(frames, control.frame[part.points]).all())
-    return own[0] if own else next(others)
+def _region_of(child: int, frames: Sequence[int], kept: Sequence[Part], control: ControlPoints) -> int:
+    """The place among `kept` of the child's own region, or of the first that has all of these frames."""
+    own = [e for e, part in enumerate(kept) if part.frame == child]
+    return (own or _regions_with(frames, kept, control))[0]
+
+
+def _regions_with(frames: Sequence[int], kept: Sequence[Part], control: ControlPoints) -> list[int]:
+    """The places among `kept` of the regions that have all of these frames."""
+    return [e for e, part in enumerate(kept) if np.isin(frames, control.frame[part.points]).all()]
