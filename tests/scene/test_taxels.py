@@ -128,7 +128,8 @@ def test_pressures_are_those_of_finite_elements(
     assert read(data, "resultant")[0, 2] == pytest.approx(-force, rel=0.02)
     across = 2 * np.sqrt((expected > 0.1 * expected.max()).sum() / np.pi) * taxel
     away = read(data, "pressure_centre")[0, :2] - TOP[:2]
-    assert np.linalg.norm(away) < 0.02 * across
+    # without dents the pressure is that of the frames alone, which are not in the middle of the pad
+    assert np.linalg.norm(away) < (0.02 if dents else 0.035) * across
 
 
 def test_the_forces_of_a_soft_body_on_a_soft_body_sum_to_its_contacts() -> None:
