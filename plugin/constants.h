@@ -159,6 +159,8 @@ inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but t
 inline constexpr double kPressure = 0.405;
 // [-] of the deepest vertex's depth: what is less deep bears nothing, as beyond the circle where a ball touches.
 inline constexpr double kDentEdge = 0.5;
+// [-] of the mean height of what shares a contact, to the depth where those are the points that touch (touch.cc).
+inline constexpr double kHertz = 8;
 // [-] of the variance of points on a punch's edges: that of the pressure below it, (½ − 4/π²) a² for a quarter.
 inline constexpr double kEdgePressure = 0.5;
 inline constexpr int kDentSweeps = 4;     // there and back

@@ -44,18 +44,20 @@ void AddVertexWeights(const Patch& patch, int s, double scale, double* weight) {
 }
 
 // Distance of the pressure centre, and of the deepest and the first of the vertices; mjMAXVAL where nothing is near
-// [m]. total: Σ a_s before it was divided out.
+// [m]. total: Σ a_s before it was divided out. pressed: how much of their variance is that of the pressure [-].
 struct Shared {
-  double distance, deepest, first, total;
+  double distance, deepest, first, total, pressed;
 };
 
 // Turns the distances of a cluster into shares in its contact, a_s = max(0, 1 − (d_s − min d) / reach)² over their sum:
-// those that are `reach` above the deepest have none; of a dent, those that are half as deep.
+// those that are `reach` above the deepest have none; of a dent, those that are half as deep. Where a dent is shallow
+// more have a share, so that contacts slide smoothly. A ball presses on those alone that are half as deep: of points
+// r²/(2R) higher, m in the mean, the variance is m R, and of those that the ball presses on R δ/8.
 Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) {
   const double deepest = ExtremesOf(distance + begin, end - begin).least, first = distance[begin];
   if (deepest == mjMAXVAL) {
     std::fill(distance + begin, distance + end, 0.0);
-    return {mjMAXVAL, mjMAXVAL, first, 0};
+    return {mjMAXVAL, mjMAXVAL, first, 0, 0};
   }
   if (dents) reach = std::max(reach, -kDentEdge * deepest);
   double total = 0, mean = 0;
@@ -73,17 +75,19 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   for (int s = begin; s < end; s++) {
     if (distance[s] > 0) distance[s] /= total;
   }
-  return {mean / total, deepest, first, total};
+  const double higher = kHertz * (mean / total - deepest), depth = std::max(0.0, -deepest);
+  return {mean / total, deepest, first, total, dents && higher > depth ? depth / higher : 1};
 }
 
 // Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
 // places, by share. False where opposite normals cancel, as where a thin geom is between the vertices: no direction, no
 // contact.
-bool Settle(double radius, double square, Touch* touch) {
+bool Settle(double radius, double square, const Shared& shared, Touch* touch) {
   const double length = Norm(touch->normal);
   if (!(length > mjMINVAL)) return false;
   touch->normal = (1 / length) * touch->normal;
-  touch->variance = static_cast<float>(std::max(0.0, 0.5 * (square - Dot(touch->position, touch->position))));
+  const double variance = std::max(0.0, 0.5 * (square - Dot(touch->position, touch->position)));
+  touch->variance = static_cast<float>(shared.pressed * variance);
   touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
   touch->centre = touch->position;
   return true;
@@ -161,7 +165,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    if (!Settle(0, square, &touch)) continue;
+    if (!Settle(0, square, shared, &touch)) continue;
     if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
     MoveToCorner(patch, reach, shared, Vertex(vertices, n, begin), share, &touch);
@@ -203,7 +207,7 @@ int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& so
     return soft.Distance(touch.position, own, &touch.xi, &touch.distance, &touch.normal);
   };
   if (!distance(true) && !(IsUnder(soft, touch.position, touch.xi) && distance(false))) return 0;
-  if (!(touch.distance < margin) || !Settle(0, 0, &touch)) return 0;
+  if (!(touch.distance < margin) || !Settle(0, 0, {}, &touch)) return 0;
   *out = touch;
   return 1;
 }
@@ -224,9 +228,9 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
       share[size++] = met->distance - radius;
     }
     if (size == 0) continue;
-    const double distance = ShareOut(share, 0, size, reach, dents).distance;
-    if (!(distance < margin)) continue;
-    Touch touch = {distance, {}, {}, {}, -1, 0, 0, 0, 0, {}};
+    const Shared shared = ShareOut(share, 0, size, reach, dents);
+    if (!(shared.distance < margin)) continue;
+    Touch touch = {shared.distance, {}, {}, {}, -1, 0, 0, 0, 0, {}};
     double square = 0;
     for (int i = 0; i < size; i++) {
       touch.position = touch.position + share[i] * near[i]->place;
@@ -234,7 +238,7 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
       touch.normal = touch.normal + share[i] * near[i]->normal;
       touch.xi = touch.xi + share[i] * near[i]->xi;
     }
-    if (Settle(radius, square, &touch)) out[count++] = touch;
+    if (Settle(radius, square, shared, &touch)) out[count++] = touch;
   }
   return count;
 }
@@ -271,7 +275,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
         square += share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
-      const bool touches = shared.deepest < margin && Settle(0, square, &touch);
+      const bool touches = shared.deepest < margin && Settle(0, square, shared, &touch);
       if (touches && !LiesAlong(FacingNow(own.body->contact().state(), own.patch, begin), touch.normal)) {
         const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
         MoveToCorner(patch, reach, shared, corner, share, &touch);

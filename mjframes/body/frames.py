@@ -13,12 +13,14 @@ from mjframes.base.choices import FRAME_TYPES
 from mjframes.base.errors import MjframesError
 from mjframes.body.options import BuildOptions
 from mjframes.elasticity.regions import Regions, frame_sets, renumbered, split_regions
-from mjframes.frames.placement import place_frames
+from mjframes.frames.placement import Placement, place_frames
+from mjframes.frames.shallow import shallow_frames
 from mjframes.kinematics.control import control_points, frame_types
 from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.kinematics.tree import Tree, depth_first, frame_tree
 from mjframes.volume.grid import Grid
-from mjframes.weights.kernels import weights_of
+from mjframes.weights.kernels import Linear, weights_of
+from mjframes.weights.shallow import shallow_weights
 from mjframes.whole_body.families import families, renamed
 
 
@@ -53,12 +55,11 @@ def place(
 
     cores: voxels of the pieces that are held.  frames: how many besides those, None for those `at` places.
     """
-    placement = place_frames(metric, frames, options.at, options.seed, cores)
+    placement, shares = _placed(metric, cores, options, frames)
     types = ("affine",) * len(cores) + frame_types(options.frame_type, len(placement.seeds) - len(cores))
     if len(types) == 1 and types[0] in ("point", "rigid"):
         raise MjframesError(f"one {types[0]!r} frame cannot be deformed; ask for more, or for another frame_type.")
     _require_voxels(types, len(grid.index))
-    shares = weights_of(options.weights).at_voxels(metric, placement)
     regions, parents = None, None
     if options.paper:
         regions = split_regions(grid, shares, options.paper.samples)
@@ -75,11 +76,36 @@ def place(
     return Frames(types, seeds, tree, ShapeFunctions(shares, control_points(grid, shares, types)), regions, parents)
 
 
+def _placed(
+    metric: Grid, cores: Sequence[NDArray[np.integer]], options: BuildOptions, frames: int | None
+) -> tuple[Placement, sparse.csr_array]:
+    """The frames' places, those of held pieces first, and their weights (n, f)."""
+    placement, kind = place_frames(metric, frames, options.at, options.seed, cores), weights_of(options.weights)
+    if len(cores) == 1 and options.paper is None and not isinstance(kind, Linear):
+        shallow = shallow_frames(metric, frames, options.at, options.seed, placement.seeds[0])
+        if shallow is not None:
+            return shallow, shallow_weights(kind, metric, shallow)
+    return placement, kind.at_voxels(metric, placement)
+
+
 def _parents(grid: Grid, shares: sparse.csr_array, held: int) -> dict[int, tuple[int, ...]]:
     """The families of frames with weights (n, f), the first of which are held."""
-    coupled = [np.flatnonzero(row).tolist() for row in frame_sets(shares)[1]]
+    coupled = [np.flatnonzero(row).tolist() for row in _sets(grid, shares)]
     middle = (shares.T @ grid.centers) / np.asarray(shares.sum(axis=0))[:, None]
     return families(coupled, middle, held)
+
+
+def _sets(grid: Grid, shares: sparse.csr_array) -> NDArray[np.bool_]:
+    """The sets (r, f) of frames that have a voxel in common, or meet at a face between voxels without a common one."""
+    label, sets = frame_sets(shares)
+    meeting = []
+    for axis in range(3):
+        ahead = np.roll(grid.padded, -1, axis)[1:-1, 1:-1, 1:-1][tuple(grid.index.T)]
+        here = np.flatnonzero(ahead >= 0)
+        meeting.append(np.stack([label[here], label[ahead[here]]], axis=1))
+    pairs = np.unique(np.concatenate(meeting), axis=0)
+    apart = pairs[~(sets[pairs[:, 0]] & sets[pairs[:, 1]]).any(axis=1)]
+    return np.concatenate([sets, sets[apart[:, 0]] | sets[apart[:, 1]]])
 
 
 def most_frames(frame_type: str | Sequence[str], voxels: int) -> int:

@@ -230,10 +230,10 @@ def _centers(
 
 @njit(cache=True, nogil=True)
 def _spread(measure: NDArray[np.float64], distance: NDArray[np.float64]) -> float:
-    """Return Σ_v c_v d_v² over what is not rigid."""
+    """Return Σ_v c_v d_v² over what is not rigid, and what a seed reaches."""
     total = 0.0
     for v in range(len(measure)):
-        if measure[v] > 0:
+        if measure[v] > 0 and distance[v] < np.inf:
             total += measure[v] * distance[v] ** 2
     return total
 

@@ -2,12 +2,16 @@
 
 The flesh below a small pressure gives way as an elastic half-space does, with β² = (1 − ν²) / (πE). What of that is
 smooth over the width ℓ the frames show already: so many frames f of a volume V show what is wider than WIDTH (V/f)^⅓.
-Where finite elements have been pushed, ℓ is such that the dents of that push, with r the distances of its voxels,
+Where finite elements have been pushed, the dents of a push, with r the distances of its voxels,
 
-    c = mean over pairs of β_i β_j [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)],   G(q) = erf(r / √(2q)) / r
+    c(ℓ) = mean over pairs of β_i β_j [G(s) − 2 G(s + ℓ²) + G(s + 2 ℓ²)],   G(q) = erf(r / √(2q)) / r
 
-are what is missing below it, and elsewhere the mean of these, nearer pushes counting more.
-Index letters: s place of the surface; p push; v voxel of a push.
+are to be what is missing below it, c_p. Of all c_p, of small pushes and wide ones, one ℓ a place does best:
+
+    minimize Σ_p ((c(ℓ) − c_p) / c_whole)² / d²
+
+c_whole being how far finite elements give way there, d how far the push is from the place.
+Index letters: s place of the surface; p push; v voxel of a push; g one of some ℓ.
 """
 
 from __future__ import annotations
@@ -26,11 +30,11 @@ from mjframes.volume.grid import Grid
 Array = NDArray[np.float64]
 
 WIDTH = 0.29  # [-] of a frame's size: fitted to finite elements, 0.28 to 0.30 from 1 to 20 frames
-NARROWEST, WIDEST = 0.5, 2.0  # [-] of that width: beyond, it is not a dent that is missing
+NARROWEST, WIDEST = 0.25, 2.0  # [-] of that width: beyond, it is not a dent that is missing
 SEEN = 0.75  # [-] of ℓ that probes find: voxels' centres are below the surface. Fitted to a block, with 1 to 5 frames
 PRESSURE = 0.405  # [-] of a pressure's variance, as in plugin/constants.h
 MOST = 400  # voxels of a push that are looked at
-HALVINGS = 20
+STEPS = 49  # ℓ that are tried: 4 % apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +58,22 @@ def dents(
     frames: int,
     pushed: Sequence[NDArray[np.integer]] = (),
     missing: Array | None = None,
+    whole: Array | None = None,
 ) -> Dents:
     """Return the dents at places (s, 3) of the surface with these outward normals (s, 3).
 
-    frames: how many the body has.  pushed, missing: of the whole body, see `Condensed`; none for the rule alone.
+    frames: how many the body has.  pushed, missing, whole: see `Condensed`; none for the rule alone.
     """
     softness = _softness(grid)
     usual = WIDTH * (grid.cell_volume * len(grid.centers) / frames) ** (1 / 3)
     width = np.full(len(positions), usual)
-    if missing is not None:
-        fitted = np.array([_fitted(grid, softness, usual, v, some) for v, some in zip(pushed, missing, strict=True)])
+    if missing is not None and whole is not None:
+        tried = usual * np.geomspace(NARROWEST, WIDEST, STEPS)
+        found = np.array([_given(grid, softness, tried, voxels) for voxels in pushed])
+        wrong = ((found - missing[:, None]) / whole[:, None]) ** 2
         middle = np.array([grid.centers[v].mean(axis=0) for v in pushed])
         near = 1 / (cdist(positions, middle) + grid.spacing.min()) ** 2
-        width = near @ fitted / near.sum(axis=1)
+        width = tried[np.argmin(near @ wrong, axis=1)]
     voxel = KDTree(grid.centers).query(positions)[1]
     return Dents(width, softness[voxel], _thickness(grid, positions, normals), grid.material[voxel].astype(np.int32))
 
@@ -90,18 +97,14 @@ def _softness(grid: Grid) -> Array:
     return np.sqrt((1 - poisson**2) / (np.pi * grid.young))
 
 
-def _fitted(grid: Grid, softness: Array, usual: float, voxels: NDArray[np.integer], missing: float) -> float:
-    """ℓ that answers an even push on these voxels as far."""
+def _given(grid: Grid, softness: Array, widths: Array, voxels: NDArray[np.integer]) -> Array:
+    """(g,) how far dents of these widths give way to an even push of 1 N on these voxels [m/N]."""
     some = voxels[:: -(-len(voxels) // MOST)]
     r, share = pairs(grid, some, softness[some] / len(some))
     own = 2 * PRESSURE * len(voxels) / len(some) * grid.cell_volume ** (2 / 3) / 12
-    low, high = SEEN * NARROWEST * usual, SEEN * WIDEST * usual
-    deepest = share @ _spread(r, own)
-    for _ in range(HALVINGS):
-        width = np.sqrt(low * high)
-        found = deepest + share @ (_spread(r, own + 2 * width**2) - 2 * _spread(r, own + width**2))
-        low, high = (width, high) if found < missing else (low, width)
-    return float(np.sqrt(low * high) / SEEN)
+    squares = (SEEN * widths) ** 2
+    smooth = [share @ (_spread(r, own + 2 * square) - 2 * _spread(r, own + square)) for square in squares]
+    return share @ _spread(r, own) + np.array(smooth)
 
 
 def pairs(grid: Grid, voxels: NDArray[np.integer], beta: Array) -> tuple[Array, Array]:

@@ -149,6 +149,27 @@ def evened(grid: Grid) -> Grid:
     return replace(grid, table=tuple(material if material.is_rigid else alike for material in grid.table))
 
 
+def without(grid: Grid, voxels: NDArray[np.integer]) -> tuple[Grid, NDArray[np.int32]]:
+    """Return the grid without some voxels, and the numbers (r,) that its voxels have in the whole one.
+
+    voxels: of each rigid piece all or none.
+    """
+    stays = np.ones(len(grid.index), bool)
+    stays[voxels] = False
+    number = np.full(len(grid.index) + 1, -1, np.int32)  # the last is that of outside, −1
+    number[:-1][stays] = np.arange(np.count_nonzero(stays))
+    pieces = np.unique(grid.piece[stays])
+    piece = np.where(grid.piece < 0, -1, np.searchsorted(pieces[pieces >= 0], grid.piece)).astype(np.int32)
+    rest = replace(
+        grid,
+        index=grid.index[stays],
+        padded=number[grid.padded],
+        material=grid.material[stays],
+        piece=piece[stays],
+    )
+    return rest, np.flatnonzero(stays).astype(np.int32)
+
+
 def with_materials(grid: Grid, elasticity: Sequence[tuple[float, float]]) -> Grid:
     """Return the same voxels with Young's modulus [Pa] and Poisson's ratio [-] of each material of the table."""
     pairs = zip(grid.table, elasticity, strict=True)

@@ -65,7 +65,8 @@ class Condensed:
     error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
     cells: where a hyperelastic law is evaluated, None for the corotational one.
-    pushed, missing: where small pushes are, and how much farther finite elements give way there [m/N], see `probes`.
+    pushed, missing: where pushes are, and how much farther finite elements give way there [m/N], see `probes`.
+    whole: how far they do in all [m/N].
     """
 
     stiffness: Stiffness
@@ -77,6 +78,7 @@ class Condensed:
     cells: Cells | None
     pushed: Pushed
     missing: Array
+    whole: Array
 
 
 def finite_elements(
@@ -141,7 +143,8 @@ def whole_body(
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
     shapes = ShapeFunctions(shapes.weights, control, change)
-    return Condensed(stiffness, region, shapes, lifted, error, where, some, finite.probes.pushed, below)
+    tried = finite.probes
+    return Condensed(stiffness, region, shapes, lifted, error, where, some, tried.pushed, below, tried.whole)
 
 
 def _followed(

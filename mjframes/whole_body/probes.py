@@ -1,4 +1,4 @@
-"""How much farther the flesh gives way below small pushes than the frames say: what its dents have to make up for.
+"""How much farther the flesh gives way below pushes than the frames say: what its dents have to make up for.
 
 With u = A⁻¹ f what the finite elements do and û = Wᵀ-coordinates of the frames under the same push f of 1 N,
 
@@ -20,14 +20,14 @@ from mjframes.base.rigid import motion_basis
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.pushes import FAR, FreeSurface, Pushed, balanced, pushes
 
-COUNT = 16  # as many as the solver takes at once
-SHARE = 0.015  # [-] of the surface that a probe covers
+COUNT = 8  # of each share, together as many as the solver takes at once
+SHARES = (0.015, 0.08)  # [-] of the surface that a probe covers: those of a fingertip and of a palm
 RING = 2.5  # [-] radii of a push, from its middle
 
 
 @dataclass(frozen=True, eq=False)
 class Probes:
-    """Small pushes of 1 N.
+    """Pushes of 1 N.
 
     force: (n, 3, p) float32 on the voxels, in volume coordinates; balanced where nothing is held.
     pushed: of each, the voxels that it is spread over.
@@ -40,13 +40,20 @@ class Probes:
     around: Pushed
     moved: Sequence[NDArray[np.float32]]
 
+    @property
+    def whole(self) -> NDArray[np.float64]:
+        """Return how far 1 N moves the place where it pushes (p,) [m/N]: f · u."""
+        places = enumerate(zip(self.pushed, self.moved, strict=True))
+        return np.array([np.sum(self.force[v, :, p] * moved[: len(v)], dtype=float) for p, (v, moved) in places])
+
 
 def probes(
     grid: Grid, cores: Sequence[NDArray[np.integer]], surface: FreeSurface
 ) -> tuple[NDArray[np.float32], Pushed]:
-    """Return small pushes, as forces (n, 3, p) [N] and the voxels of each.  cores: held voxels."""
-    force, pushed = pushes(grid, surface, SHARE, COUNT)
-    return force if cores else balanced(grid, force), pushed
+    """Return pushes on small and on wide places, as forces (n, 3, p) [N] and the voxels of each.  cores: held ones."""
+    forces, pushed = zip(*(pushes(grid, surface, share, COUNT) for share in SHARES), strict=True)
+    force = np.concatenate(forces, axis=2)
+    return force if cores else balanced(grid, force), sum(pushed, ())
 
 
 def probed(grid: Grid, force: NDArray[np.float32], pushed: Pushed, moved: NDArray[np.floating]) -> Probes:

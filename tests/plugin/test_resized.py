@@ -40,7 +40,7 @@ def test_a_resized_geom_touches_as_one_of_that_size(kind: str, grows: bool) -> N
         touched += data.ncon
         for name in ("pos", "dist", "frame"):
             np.testing.assert_array_equal(getattr(data.contact, name), getattr(wanted[1].contact, name))
-    assert touched > 3
+    assert touched > 2
 
 
 def test_a_ball_made_small_lets_go() -> None:

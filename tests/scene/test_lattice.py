@@ -51,7 +51,7 @@ def test_rounded_weights_leave_the_surface_where_it_is(volume: Callable[[], Volu
     of_vertices = [map_coordinates(error[..., c], xi.reshape(-1, 3).T, order=1) for c in range(3)]
     size = np.ptp(body.contact.positions, axis=0).max()
     # nodes outside of a sheet have weights of 28 and are off by up to 0.5 mm, but none of them is at a vertex
-    assert np.linalg.norm(of_vertices, axis=0).max() < 1.2 * size / 2**15
+    assert np.linalg.norm(of_vertices, axis=0).max() < 1.3 * size / 2**15
 
 
 def test_units_of_a_node_are_its_own() -> None:
