@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 WIDTH = 0.29  # [-] of a frame's size: fitted to finite elements, 0.28 to 0.30 from 1 to 20 frames
 NARROWEST, WIDEST = 0.25, 2.0  # [-] of that width: beyond, it is not a dent that is missing
-SEEN = 0.75  # [-] of ℓ that probes find: voxels' centres are below the surface. Fitted to a block, with 1 to 5 frames
+SEEN = 0.82  # [-] of ℓ that probes find, whose voxels are below the surface: fitted to a ball and a pad, 1 to 20 frames
 PRESSURE = 0.405  # [-] of a pressure's variance, as in plugin/constants.h
 MOST = 400  # voxels of a push that are looked at
 STEPS = 49  # ℓ that are tried: 4 % apart

@@ -20,8 +20,8 @@ from mjframes.base.rigid import motion_basis
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.pushes import FAR, FreeSurface, Pushed, balanced, pushes
 
-COUNT = 8  # of each share, together as many as the solver takes at once
-SHARES = (0.015, 0.08)  # [-] of the surface that a probe covers: those of a fingertip and of a palm
+# how many cover which share of the surface [-], as fingertips and palms do; in all as many as the solver takes at once
+PROBES = ((10, 0.015), (6, 0.08))
 RING = 2.5  # [-] radii of a push, from its middle
 
 
@@ -51,7 +51,7 @@ def probes(
     grid: Grid, cores: Sequence[NDArray[np.integer]], surface: FreeSurface
 ) -> tuple[NDArray[np.float32], Pushed]:
     """Return pushes on small and on wide places, as forces (n, 3, p) [N] and the voxels of each.  cores: held ones."""
-    forces, pushed = zip(*(pushes(grid, surface, share, COUNT) for share in SHARES), strict=True)
+    forces, pushed = zip(*(pushes(grid, surface, share, count) for count, share in PROBES), strict=True)
     force = np.concatenate(forces, axis=2)
     return force if cores else balanced(grid, force), sum(pushed, ())
 

