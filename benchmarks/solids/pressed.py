@@ -185,7 +185,7 @@ def contact_force(matrix: sparse.csr_array, inverse: LinearOperator, dof: NDArra
         moved[dof[touches]] = push[touches]
         right = -(matrix @ moved)[free]
         size = size or float(np.linalg.norm(right))
-        near = TOLERANCE * size / np.linalg.norm(right)  # most moved so the last time, too
+        near = TOLERANCE * size / float(np.linalg.norm(right))  # most moved so the last time, too
         moved[free] += solve(matrix[free][:, free], _restricted(inverse, free), right, near)
         force = (matrix @ moved)[dof]
         inside = moved[dof] > push - NEAR * push.min()

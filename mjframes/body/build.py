@@ -247,8 +247,8 @@ def _surfaces(
     field = rest_distance_field(grid, shapes, surface, vertices, patches.patch, weights)
     drawn = extract_surface(volume, int(options.skin_vertices)) if options.skin_vertices else surface
     skin = Skin(drawn.vertices, drawn.faces, drawn.label, shapes.at(grid, drawn.vertices))
-    answers = (condensed.pushed, condensed.missing, condensed.whole) if condensed else ()
-    below = dents(grid, vertices.positions, vertices.normals, frames, *answers)
+    answers = condensed.answers if condensed else None
+    below = dents(grid, vertices.positions, vertices.normals, frames, answers)
     reach = float(np.min(volume.spacing)) / 2 if options.contact_reach is None else float(options.contact_reach)
     contact = ContactVertices(
         vertices.positions, along_axes[patches.order], reach, patches.patch, patches.cluster, weights, below

@@ -16,7 +16,6 @@ Index letters: s place of the surface; p push; v voxel of a push; g one of some 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +25,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import erf
 
 from mjframes.volume.grid import Grid
+from mjframes.whole_body.probes import Answers
 
 Array = NDArray[np.float64]
 
@@ -56,22 +56,21 @@ def dents(
     positions: Array,
     normals: Array,
     frames: int,
-    pushed: Sequence[NDArray[np.integer]] = (),
-    missing: Array | None = None,
-    whole: Array | None = None,
+    answers: Answers | None = None,
 ) -> Dents:
     """Return the dents at places (s, 3) of the surface with these outward normals (s, 3).
 
-    frames: how many the body has.  pushed, missing, whole: see `Condensed`; none for the rule alone.
+    frames: how many the body has.  answers: to pushes, None for the rule alone.
     """
     softness = _softness(grid)
     usual = WIDTH * (grid.cell_volume * len(grid.centers) / frames) ** (1 / 3)
     width = np.full(len(positions), usual)
-    if missing is not None and whole is not None:
+    if answers is not None:
         tried = usual * np.geomspace(NARROWEST, WIDEST, STEPS)
-        found = np.array([_given(grid, softness, tried, voxels) for voxels in pushed])
-        wrong = ((found - missing[:, None]) / whole[:, None]) ** 2
-        middle = np.array([grid.centers[v].mean(axis=0) for v in pushed])
+        found = np.array([_given(grid, softness, tried, voxels) for voxels in answers.pushed])
+        whole = np.where(answers.whole > 0, answers.whole, np.inf)  # a single voxel does not give way
+        wrong = ((found - answers.missing[:, None]) / whole[:, None]) ** 2
+        middle = np.array([grid.centers[v].mean(axis=0) for v in answers.pushed])
         near = 1 / (cdist(positions, middle) + grid.spacing.min()) ** 2
         width = tried[np.argmin(near @ wrong, axis=1)]
     voxel = KDTree(grid.centers).query(positions)[1]

@@ -26,8 +26,8 @@ from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
 from mjframes.whole_body.modes import Lifting, displaced, lifting
-from mjframes.whole_body.probes import Probes, missing, probed, probes
-from mjframes.whole_body.pushes import Pushed, free_surface
+from mjframes.whole_body.probes import Answers, Probes, answers, probed, probes
+from mjframes.whole_body.pushes import free_surface
 from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import select
 from mjframes.whole_body.superelement import Superelement, superelement
@@ -65,8 +65,7 @@ class Condensed:
     error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
     cells: where a hyperelastic law is evaluated, None for the corotational one.
-    pushed, missing: where pushes are, and how much farther finite elements give way there [m/N], see `probes`.
-    whole: how far they do in all [m/N].
+    answers: to pushes, for the dents.
     """
 
     stiffness: Stiffness
@@ -76,9 +75,7 @@ class Condensed:
     error: BodyError
     where: Array
     cells: Cells | None
-    pushed: Pushed
-    missing: Array
-    whole: Array
+    answers: Answers
 
 
 def finite_elements(
@@ -134,7 +131,7 @@ def whole_body(
     corrected = sparse.csr_array(plain + change)
     x = coordinates(plain, corrected, covariance, finite.cases)
     moved = (corrected @ x.reshape(len(control.frame), -1)).reshape(finite.exact.shape)
-    below = missing(grid, finite.probes, corrected, covariance)
+    answered = answers(grid, finite.probes, corrected, covariance)
     moved += displaced(lifted, stiffness, region, x)
     error, where = measured(grid, finite.cases, finite.exact, moved)
     del moved
@@ -143,8 +140,7 @@ def whole_body(
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
     shapes = ShapeFunctions(shapes.weights, control, change)
-    tried = finite.probes
-    return Condensed(stiffness, region, shapes, lifted, error, where, some, tried.pushed, below, tried.whole)
+    return Condensed(stiffness, region, shapes, lifted, error, where, some, answered)
 
 
 def _followed(

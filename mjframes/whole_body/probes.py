@@ -40,11 +40,19 @@ class Probes:
     around: Pushed
     moved: Sequence[NDArray[np.float32]]
 
-    @property
-    def whole(self) -> NDArray[np.float64]:
-        """Return how far 1 N moves the place where it pushes (p,) [m/N]: f · u."""
-        places = enumerate(zip(self.pushed, self.moved, strict=True))
-        return np.array([np.sum(self.force[v, :, p] * moved[: len(v)], dtype=float) for p, (v, moved) in places])
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """How finite elements answer the probes, and frames.
+
+    pushed: the voxels of each probe.
+    whole: (p,) how far finite elements give way where it pushes, f · u [m/N].
+    missing: (p,) how much farther that is than what the frames do [m/N].
+    """
+
+    pushed: Pushed
+    whole: NDArray[np.float64]
+    missing: NDArray[np.float64]
 
 
 def probes(
@@ -67,14 +75,12 @@ def probed(grid: Grid, force: NDArray[np.float32], pushed: Pushed, moved: NDArra
     return Probes(force, pushed, tuple(around), [moved[some, :, p] for p, some in enumerate(near)])
 
 
-def missing(
-    grid: Grid, probes: Probes, functions: sparse.csr_array, covariance: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return c (p,) [m/N] of frames that move the voxels by `functions` (n, k), with the compliance K⁺ (3k, 3k)."""
+def answers(grid: Grid, probes: Probes, functions: sparse.csr_array, covariance: NDArray[np.float64]) -> Answers:
+    """Return those of frames that move the voxels by `functions` (n, k), with the compliance K⁺ (3k, 3k)."""
     n, _, count = probes.force.shape
     x = covariance @ (functions.T @ probes.force.reshape(n, -1)).reshape(-1, count)
     x = x.reshape(-1, 3 * count)
-    values = np.zeros(count)
+    whole, missing = np.zeros(count), np.zeros(count)
     for p, (pushed, around) in enumerate(zip(probes.pushed, probes.around, strict=True)):
         near = np.concatenate([pushed, around])
         difference = probes.moved[p] - (functions[near] @ x).reshape(len(near), 3, count)[:, :, p]
@@ -82,5 +88,6 @@ def missing(
         there = slice(len(pushed), None)
         rigid = np.linalg.lstsq(motion[there].reshape(-1, motion.shape[2]), difference[there].ravel(), rcond=1e-6)[0]
         force = probes.force[pushed, :, p].astype(np.float64)
-        values[p] = np.sum(force * (difference - motion @ rigid)[: len(pushed)])
-    return values
+        whole[p] = np.sum(force * probes.moved[p][: len(pushed)])
+        missing[p] = np.sum(force * (difference - motion @ rigid)[: len(pushed)])
+    return Answers(probes.pushed, whole, missing)
