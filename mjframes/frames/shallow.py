@@ -17,7 +17,7 @@ from mjframes.frames.distance import compliance_distance, voxel_graph
 from mjframes.frames.placement import Placement, place_frames
 from mjframes.volume.grid import Grid, without
 
-DEPTH = 2.0  # [-] of the frames' reach, which is about half of the way from one to the next
+DEPTH = 1.75  # [-] of the frames' reach, about half of the way to the next; at twice, faces of cubes get too soft
 
 
 def shallow_frames(
