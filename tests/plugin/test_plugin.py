@@ -228,7 +228,7 @@ def test_one_step_is_the_dense_implicit_one(
     # and the forces are those that the constraints ask for at this acceleration
     force = data.efc_force.copy()
     mujoco.mj_constraintUpdate(model, data, jacobian_t.T @ acceleration - data.efc_aref, None, 0)
-    assert_close(data.efc_force, force)
+    assert_close(data.efc_force, force, 1e-9 if solver == "CG" else 1e-10)  # where its search along lines ends
 
 
 def test_a_second_forward_gives_the_same_bits() -> None:
