@@ -28,7 +28,7 @@ from mjframes.scene.solver import choose_solver
 
 Row = tuple[str, str, float, float, int, float]  # of COLUMNS
 
-TABLE = Path(__file__).with_suffix(".csv")
+TABLE = Path("out/touch.csv")
 COLUMNS = ("body", "indenter", "depth", "exact", "frames", "force")  # [m], [N]
 FRAMES = (1, 5, 20)
 GOOD = (0.85, 1.15)  # [-] of the exact force
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m benchmarks.accuracy.touch", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--only", metavar="BODY", help="the one body to measure; the table is not written")
     parser.add_argument("--frames", type=int, nargs="+", default=FRAMES, help="how many")
-    parser.add_argument("--table", type=Path, default=TABLE, help="file to write (default: that of the clone)")
+    parser.add_argument("--table", type=Path, default=TABLE, help=f"file to write (default: {TABLE})")
     arguments = parser.parse_args(argv)
     console, rows = screen(), list[Row]()
     table = table_of("Force / finite elements", "indenter", "depth [mm]", "force [N]", *map(str, arguments.frames))
