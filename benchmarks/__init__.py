@@ -5,6 +5,7 @@ tables → solids → contenders → speed → accuracy: a folder imports itself
 python -m benchmarks.accuracy.report        make report        error against finite elements and MuJoCo's flex
 python -m benchmarks.accuracy.factors                          bodies whose stiffness is scaled
 python -m benchmarks.accuracy.actuation                        chambers, cables and muscles against finite elements
+python -m benchmarks.accuracy.touch                            punches and balls that press, against finite elements
 python -m benchmarks.speed.bench            make bench         precomputation and steps
 python -m benchmarks.speed.worlds           make bench-worlds  many worlds side by side
 python -m benchmarks.speed.dents                               what dents cost in a step
