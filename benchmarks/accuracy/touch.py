@@ -48,7 +48,7 @@ def measured(some: Pressed, counts: Sequence[int], progress: Callable[[str], Non
 
 
 def forces_of(some: Pressed, frames: int) -> list[float]:
-    """Return the force of each indenter on a body of frames [N], NaN where it is not touched at all."""
+    """Return the force of each indenter on a body of frames [N], NaN where `press` refuses."""
     body = build(some.volume, frames, supports=Fixed(some.fixed))
     spec = mujoco.MjSpec()
     spec.option.gravity = [0, 0, 0]

@@ -25,7 +25,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
 from mjframes.body.soft_body import SoftBody
-from mjframes.frames.distance import compliance_distance, voxel_graph
+from mjframes.frames.distance import compliance_distance, sources_of, voxel_graph
 from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.weights import weights_at
 
@@ -142,9 +142,8 @@ def _pascals(pressure: float) -> str:
 
 def _distance(body: SoftBody, grid: Grid) -> Picture:
     seeds = body.fields.seeds
-    owner = np.repeat(np.arange(len(seeds)), [len(s) for s in seeds])
     even = body.fields.metric == EVEN
-    nearest = compliance_distance(voxel_graph(evened(grid) if even else grid), np.concatenate(seeds), label=owner)
+    nearest = compliance_distance(voxel_graph(evened(grid) if even else grid), *sources_of(seeds))
     distance = (MM if even else MM_PER_KPA) * nearest.distance
     far = float(distance.max()) or 1.0
     scheme = _scheme("plasma", 0, far)

@@ -84,7 +84,7 @@ def _placed(
     if len(cores) == 1 and options.paper is None and not isinstance(kind, Linear):
         shallow = shallow_frames(metric, frames, options.at, options.seed, placement.seeds[0])
         if shallow is not None:
-            return shallow, shallow_weights(kind, metric, shallow)
+            return shallow.placement, shallow_weights(kind, metric, shallow)
     return placement, kind.at_voxels(metric, placement)
 
 
@@ -99,8 +99,8 @@ def _sets(grid: Grid, shares: sparse.csr_array) -> NDArray[np.bool_]:
     """The sets (r, f) of frames that have a voxel in common, or meet at a face between voxels without a common one."""
     label, sets = frame_sets(shares)
     meeting = []
-    for axis in range(3):
-        ahead = np.roll(grid.padded, -1, axis)[1:-1, 1:-1, 1:-1][tuple(grid.index.T)]
+    for step in np.eye(3, dtype=np.int32):
+        ahead = grid.padded[tuple((grid.index + 1 + step).T)]
         here = np.flatnonzero(ahead >= 0)
         meeting.append(np.stack([label[here], label[ahead[here]]], axis=1))
     pairs = np.unique(np.concatenate(meeting), axis=0)

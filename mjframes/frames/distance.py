@@ -15,6 +15,7 @@ rule for ties chooses among them, not rounding.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -129,6 +130,11 @@ def nearest_sources(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0,
     count = _offer_all(ids, costs, labels, distance, rank, visited)
     sweep(graph, np.empty(0, np.int32), np.empty(0), False, distance, rank, visited, count)
     return Reached(distance, rank.astype(np.int32))
+
+
+def sources_of(seeds: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.integer], NDArray[np.int64]]:
+    """Return the voxels of several seeds as sources, and the label of each: the number of its seed."""
+    return np.concatenate(seeds), np.repeat(np.arange(len(seeds)), [len(seed) for seed in seeds])
 
 
 def compliance_distance(graph: VoxelGraph, sources: ArrayLike, label: ArrayLike = 0, cost: ArrayLike = 0.0) -> Reached:

@@ -66,6 +66,11 @@ def place_frames(
         seeds += _seeds_at(grid, positions, seeds)
     else:
         seeds = _distribute(grid, frames, seed, seeds)
+    return placement_of(grid, seeds)
+
+
+def placement_of(grid: Grid, seeds: Sequence[NDArray[np.integer]]) -> Placement:
+    """Return the frames with these seeds."""
     return Placement(np.array([grid.points(s).mean(axis=0) for s in seeds]), tuple(seeds))
 
 

@@ -10,32 +10,52 @@ has their weights). With d the distance to the held piece and r that to the near
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjframes.frames.distance import compliance_distance, voxel_graph
-from mjframes.frames.placement import Placement, place_frames
+from mjframes.frames.distance import compliance_distance, sources_of, voxel_graph
+from mjframes.frames.placement import Placement, place_frames, placement_of
 from mjframes.volume.grid import Grid, without
 
 DEPTH = 1.75  # [-] of the frames' reach, about half of the way to the next; at twice, faces of cubes get too soft
 
 
+@dataclass(frozen=True, eq=False)
+class Shallow:
+    """The frames of a shallow body of n voxels.
+
+    placement: of all, with the held piece first.
+    rest: the body of r voxels without the held piece.
+    number: (r,) of its voxels in the whole body.
+    free: the free frames, in the rest.
+    deep: the voxels of the whole body that are as deep as the seed of their Voronoi cell in the rest.
+    """
+
+    placement: Placement
+    rest: Grid
+    number: NDArray[np.int32]
+    free: Placement
+    deep: NDArray[np.int32]
+
+
 def shallow_frames(
     grid: Grid, frames: int | None, at: ArrayLike | None, seed: int, core: NDArray[np.integer]
-) -> Placement | None:
-    """Return the frames of a shallow body, with the held piece first, or None for a body that is not shallow.
+) -> Shallow | None:
+    """Return the frames of a shallow body, or None for a body that is not shallow.
 
     frames, at, seed: as for `place_frames`.  core: the voxels of the held piece.
     """
     rest, number = without(grid, core)
     if not len(number) or not (rest.piece < 0).any() or (frames is not None and frames < 1):
         return None
-    placed = place_frames(rest, frames, at, seed)
-    owner = np.repeat(np.arange(len(placed.seeds)), [len(s) for s in placed.seeds])
-    reach = compliance_distance(voxel_graph(rest), np.concatenate(placed.seeds), owner).distance
-    depth = compliance_distance(voxel_graph(grid), core, np.zeros(len(core), np.int64)).distance[number]
-    reached, measure = reach < np.inf, rest.compliance
-    if measure @ depth**2 >= DEPTH**2 * (measure[reached] @ reach[reached] ** 2):
+    free = place_frames(rest, frames, at, seed)
+    cell = compliance_distance(voxel_graph(rest), *sources_of(free.seeds))
+    depth = compliance_distance(voxel_graph(grid), core).distance[number]
+    reached, measure = cell.label >= 0, rest.compliance
+    if measure @ depth**2 >= DEPTH**2 * (measure[reached] @ cell.distance[reached] ** 2):
         return None
-    seeds = (core.astype(np.int64), *(number[s].astype(np.int64) for s in placed.seeds))
-    return Placement(np.array([grid.points(s).mean(axis=0) for s in seeds]), seeds)
+    placement = placement_of(grid, [core, *(number[seed] for seed in free.seeds)])
+    enough = np.array([depth[seed].min() for seed in free.seeds])
+    return Shallow(placement, rest, number, free, number[reached & (depth >= enough[cell.label])])

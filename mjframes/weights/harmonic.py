@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import cg, splu
 
 from mjframes.base.errors import MjframesError
-from mjframes.frames.distance import VoxelGraph, nearest_sources, voxel_graph
+from mjframes.frames.distance import VoxelGraph, nearest_sources, sources_of, voxel_graph
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
 from mjframes.weights.partition import Kernel, partition_of_unity
@@ -62,8 +62,7 @@ def harmonic_weights(grid: Grid, placement: Placement) -> sparse.csr_array:
 def _cores(graph: VoxelGraph, placement: Placement) -> NDArray[np.int32]:
     """(n,) the frame whose core a node belongs to, −1 for none."""
     frames = len(placement.seeds)
-    owner = np.repeat(np.arange(frames), [len(s) for s in placement.seeds])
-    nearest = nearest_sources(graph, np.concatenate(placement.seeds), owner)
+    nearest = nearest_sources(graph, *sources_of(placement.seeds))
     reach = np.full(frames, np.inf)
     _frontier(graph, nearest.distance, nearest.label, reach)
     reach *= CORE

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.threads import workers
-from mjframes.frames.distance import Integer, VoxelGraph, more, nearest_sources, offer, sweep, voxel_graph
+from mjframes.frames.distance import Integer, VoxelGraph, more, nearest_sources, offer, sources_of, sweep, voxel_graph
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
 from mjframes.weights.partition import Kernel, partition_of_unity
@@ -60,8 +60,7 @@ def voronoi_weights(grid: Grid, placement: Placement, subdivisions: int = 1) -> 
 
 
 def _kernels(graph: VoxelGraph, placement: Placement, subdivisions: int) -> list[Kernel]:
-    owner = np.repeat(np.arange(len(placement.seeds)), [len(s) for s in placement.seeds])
-    nearest = nearest_sources(graph, np.concatenate(placement.seeds), owner)
+    nearest = nearest_sources(graph, *sources_of(placement.seeds))
     cells = _cells(nearest.label, len(placement.seeds))
     threads = min(workers(), len(cells))
     idle: SimpleQueue[Scratch] = SimpleQueue()

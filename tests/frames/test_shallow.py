@@ -61,9 +61,11 @@ def test_frames_of_a_pad_are_all_over_it(count: int) -> None:
     grid, core = core_of(*pad())
     found = shallow_frames(grid, count, None, 0, core)
     assert found is not None
-    assert len(found.seeds) == count + 1
-    np.testing.assert_array_equal(found.seeds[0], core)
-    np.testing.assert_allclose(found.centers[1:, :2].mean(axis=0), grid.centers[:, :2].mean(axis=0), atol=SIZE)
+    assert len(found.placement.seeds) == count + 1
+    np.testing.assert_array_equal(found.placement.seeds[0], core)
+    np.testing.assert_allclose(
+        found.placement.centers[1:, :2].mean(axis=0), grid.centers[:, :2].mean(axis=0), atol=SIZE
+    )
     as_others = place_frames(grid, count, cores=[core]).centers[1:, :2].mean(axis=0)
     if count < 10:  # they crowd in a corner
         assert np.linalg.norm(as_others - grid.centers[:, :2].mean(axis=0)) > 4 * SIZE
@@ -87,7 +89,7 @@ def test_weights_of_shallow_bodies(body, kind: Weights) -> None:
     assert weights.has_sorted_indices
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
     assert weights.data.min() > 0
-    for i, seed in enumerate(placed.seeds):
+    for i, seed in enumerate(placed.placement.seeds):
         np.testing.assert_allclose(weights[seed][:, [i]].toarray(), 1, atol=1e-12)
     assert weights[:, 1:].sum() > 0.5 * (len(grid.index) - len(core))  # the held piece has the least of the flesh
 
