@@ -31,7 +31,7 @@ Row = tuple[str, str, float, float, int, float]  # of COLUMNS
 TABLE = Path("out/touch.csv")
 COLUMNS = ("body", "indenter", "depth", "exact", "frames", "force")  # [m], [N]
 FRAMES = (1, 5, 20)
-GOOD = (0.85, 1.15)  # [-] of the exact force
+BANDS = ((0.85, 1.15), (0.6, 1.8))  # [-] of the exact force: good, and what nine of ten are in
 
 
 def measured(some: Pressed, counts: Sequence[int], progress: Callable[[str], None]) -> list[Row]:
@@ -84,12 +84,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows += found
         for indenter in dict.fromkeys(row[1] for row in found):
             mine = [row for row in found if row[1] == indenter]
-            ratios = [f"{force / exact:.2f}" for *_, exact, _, force in mine]
-            table.add_row(some.name, indenter, f"{1e3 * mine[0][2]:.2f}", f"{mine[0][3]:.3g}", *ratios)
+            shown = [f"{force / exact:.2f}" for *_, exact, _, force in mine]
+            table.add_row(some.name, indenter, f"{1e3 * mine[0][2]:.2f}", f"{mine[0][3]:.3g}", *shown)
     if arguments.only is None:
         write_table(arguments.table, COLUMNS, rows)
-    good = sum(GOOD[0] <= force / exact <= GOOD[1] for *_, exact, _, force in rows)
-    show(console, table, f"{good} of {len(rows)} within {GOOD[0]:g} to {GOOD[1]:g}")
+    ratios = [force / exact for *_, exact, _, force in rows]
+    inside = [(sum(low <= ratio <= high for ratio in ratios), low, high) for low, high in BANDS]
+    note = "; ".join(f"{count} of {len(ratios)} within {low:g} to {high:g}" for count, low, high in inside)
+    show(console, table, note)
     return 0
 
 
