@@ -8,6 +8,7 @@
 #include "constants.h"
 #include "geom_distance.h"
 #include "patch_field.h"
+#include "placed.h"
 #include "pressing.h"
 #include "stack.h"
 #include "world.h"
@@ -159,11 +160,13 @@ void Taxels::Compute(const mjModel* m, mjData* d, const SoftBody& body) {
     const std::array<int, 2> object = OtherOf(m, d->contact[c], sign);
     Load load = {c, object[0], object[1]};
     Vec3 pivot;
-    if (object[0] >= 0 && object[1] < 0) {
+    if (object[0] >= 0) {
       const int owner = m->geom_bodyid[object[0]];
-      const mjtNum* centre = FreeCentre(m, d, owner);
+      const Kinematics* other = object[1] >= 0 ? &GetSoftBody(d, object[1])->kinematics() : nullptr;
+      const mjtNum* centre = other ? nullptr : FreeCentre(m, d, owner);
       const bool lies = m->body_weldid[owner] == 0 && !body.kinematics().held();
       if (!centre && lies) centre = d->subtree_com + 3 * body.kinematics().holder();
+      if (other && !other->held()) centre = d->subtree_com + 3 * other->holder();
       if (centre) {
         pivot = ToVec3(centre);
         load.pivot = &pivot;
@@ -264,9 +267,14 @@ void Taxels::FindGaps(const mjModel* m, const mjData* d, const SoftBody& body, c
   const auto place = [&](int i) { return Vec3{fitted_[i], fitted_[count + i], fitted_[2 * count + i]}; };
   if (load.other >= 0) {
     const SoftContact& other = GetSoftBody(d, load.other)->contact();
-    Vec3 normal;
+    const std::lock_guard lock(other.state()->mutex);
+    const Placed soft = mjframes::Place(other, other.FindPatch(load.geom), d, 0);
     for (int i = 0; i < count; i++) {
-      gap_[near_[i]] = FieldDistance(other, other.FindPatch(load.geom), d, place(i), &normal);
+      Vec3 xi, normal;
+      double gap;
+      const bool near = other.model().has_volume && soft.Distance(place(i), false, &xi, &gap, &normal);
+      gap_[near_[i]] = near ? gap : mjMAXVAL;
+      if (load.pivot) lever_[near_[i]] = near ? Cross(place(i) - *load.pivot, normal) : Vec3{};
     }
     return;
   }
