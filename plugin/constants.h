@@ -132,14 +132,24 @@ inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turn
 inline constexpr double kTrust = 0.05, kNoTrust = 0.25;
 inline constexpr double kFlatSide = 0.99;  // [-] length of the mean of a cluster's unit normals, where it is flat
 inline constexpr double kLies = 2;         // [-] a flat cluster lies on something if it touches with half of it
-// [reach], a fiftieth of a voxel: a corner that is as high above the rest bears nothing.
-inline constexpr double kCornerTop = 0.04;
-inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
+// Over which heights a contact goes to a corner: while it moves there, its force pushes otherwise in the next step, and
+// what is lighter than the force jumps to and fro unless it falls by less than that in a step.
+inline constexpr double kCornerFall = 3;     // [-] of how far things fall in a step, twice: gravity × timestep²
+inline constexpr double kCorner = 0.02;      // [reach] at least, a hundredth of a voxel …
+inline constexpr double kCornerMost = 0.25;  // … and at most
+inline constexpr double kAlong = 0.15;       // [-] cosine of its normal to a contact's: 81° and more
 // [-] cosine: two surfaces that face each other by less do not lie on each other.
 inline constexpr double kOpposed = 0.5;
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
-inline constexpr int kSupportSteps = 4;     // from an ellipsoid's centre to its point nearest to the surface
+// To where a round geom is deepest (round_touch.h)
+inline constexpr int kRoundSteps = 16;      // five or six are usual
+inline constexpr double kRoundStride = 2;   // [cubes] the longest
+inline constexpr double kRoundSure = 1e-6;  // [-] of that: a shorter one is not made
+inline constexpr double kRoundFit = 3;      // [-] of the vertices' spacing: the curvature is that of those so near
+inline constexpr double kRoundStep = 1e-4;  // [-] of the radius: the difference that gives the geom's curvature
+inline constexpr double kWidest = 2;        // [-] of the vertices' spacing: the radius of what one contact stands for
+inline constexpr double kRoundPressure = 0.221;  // [-] of a²: (0.6 π^(3/2))⁻², over kPressure
 // A contact found again at the same place to rounding is the same; anything farther is another one.
 inline constexpr double kSamePlace = 1e-9;  // [m]
 // Rays go on by the distance, and stop where it vanishes, within forty steps: close is there, and outside a step stays
@@ -157,6 +167,8 @@ inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but t
 
 // [-] of a pressure's variance: the Gaussian that is as far below its middle as a disc's pressure is below its mean.
 inline constexpr double kPressure = 0.405;
+// [-] of a pressure's variance: the square of where it ends, that of Hertz.
+inline constexpr double kEdgeOfPressure = 5;
 // [-] of the deepest vertex's depth: what is less deep bears nothing, as beyond the circle where a ball touches.
 inline constexpr double kDentEdge = 0.5;
 // [-] of the mean height of what shares a contact, to the depth where those are the points that touch (touch.cc).

@@ -145,8 +145,8 @@ DeformedPatch::Search DeformedPatch::Find(const Vec3& p, bool own, double height
   return Search::kNowhere;
 }
 
-bool DeformedPatch::Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal, double* doubt) const {
-  Vec3 q = xi, fraction, gradient;
+bool DeformedPatch::Surface(Vec3* xi, Cube* cube, Vec3* position, Vec3* normal, double* doubt) const {
+  Vec3 &q = *xi, fraction, gradient;
   for (int climb = 0;; climb++) {
     if (!Enter(q, cube, &fraction)) return false;
     const double height = field_.Distance(cube->nodes, fraction, &gradient) / field_.spacing;
@@ -170,10 +170,9 @@ bool DeformedPatch::Distance(const Vec3& p, bool own, Cube* cube, Vec3* xi, doub
   Mat3 slope;
   Vec3 surface;
   double doubt;
-  if (Find(p, own, mjMAXVAL, xi, cube, &slope, found_own) != Search::kFound ||
-      !Surface(*xi, cube, &surface, normal, &doubt)) {
-    return false;
-  }
+  if (Find(p, own, mjMAXVAL, xi, cube, &slope, found_own) != Search::kFound) return false;
+  Vec3 at = *xi;
+  if (!Surface(&at, cube, &surface, normal, &doubt)) return false;
   *distance = Dot(*normal, p - surface);
   return true;
 }

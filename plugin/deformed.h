@@ -100,13 +100,14 @@ class DeformedPatch {
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
   bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {
     Cube cube;
+    Vec3 at = xi;
     double doubt;
-    return Surface(xi, &cube, position, normal, &doubt);
+    return Surface(&at, &cube, position, normal, &doubt);
   }
 
-  // The same; leaves the cube around that surface point, and by how much the distance's gradient there is longer or
-  // shorter than 1: next to edges and midway between two sides it is, and its direction is not to be trusted.
-  bool Surface(const Vec3& xi, Cube* cube, Vec3* position, Vec3* normal, double* doubt) const;
+  // The same; ξ becomes that surface point. Leaves the cube around it, and by how much the distance's gradient there is
+  // longer or shorter than 1: next to edges and midway between two sides it is, and its direction is not to be trusted.
+  bool Surface(Vec3* xi, Cube* cube, Vec3* position, Vec3* normal, double* doubt) const;
 
   // weight[j] += scale W_j(ξ) for all control points j.
   void AddWeights(const Vec3& xi, double scale, double* weight) const;

@@ -120,16 +120,13 @@ void Features::AddCapsule(double radius, double half) {
 
 double Features::Radius(const mjModel* m, int geom) {
   const int type = m->geom_type[geom];
-  return type == mjGEOM_SPHERE || type == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
+  return type == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
 }
 
 Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) {
   const mjtNum* size = m->geom_size + 3 * geom;
   const int mesh = m->geom_plugin[geom] < 0 ? m->geom_dataid[geom] : -1;
   switch (m->geom_type[geom]) {
-    case mjGEOM_SPHERE:
-      Add({0, 0, 0}, 0);
-      break;
     case mjGEOM_CAPSULE:
       AddCapsule(size[0], size[1]);
       break;
@@ -150,14 +147,6 @@ Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) {
   }
   clusters = Sort(added_, cluster_, count_, sorted_);
   points = sorted_;
-}
-
-Vec3 EllipsoidSupport(const mjtNum* size, const Vec3& direction) {
-  Vec3 scaled;
-  for (int i = 0; i < 3; i++) scaled[i] = size[i] * direction[i];
-  const double norm = std::max(Norm(scaled), mjMINVAL);
-  for (int i = 0; i < 3; i++) scaled[i] *= size[i] / norm;
-  return scaled;
 }
 
 }  // namespace mjframes

@@ -1,7 +1,7 @@
 // Points of rigid geoms that are sharp or small: they may fall between the vertices of a patch.
 //
-// Corners and edges of boxes, rims of cylinders, hull vertices of meshes, and balls: a sphere is one, a capsule a row.
-// An ellipsoid's is its support point against the soft surface. Points that are close have one contact.
+// Corners and edges of boxes, rims of cylinders, hull vertices of meshes, and the balls in a row of a capsule. Points
+// that are close have one contact.
 
 #ifndef MJFRAMES_PLUGIN_GEOM_FEATURES_H_
 #define MJFRAMES_PLUGIN_GEOM_FEATURES_H_
@@ -51,8 +51,8 @@ using CollisionMeshes = std::vector<std::shared_ptr<const CollisionMesh>>;
 // Those of the model, shared with whoever has the same.
 CollisionMeshes FindCollisionMeshes(const mjModel* m);
 
-// The features of one geom, by its size now; none for planes, height fields, SDF plugins, and ellipsoids, whose point
-// depends on the soft surface.
+// The features of one geom, by its size now; none for planes, height fields, SDF plugins, and round geoms
+// (round_touch.h).
 class Features {
  public:
   Features(const mjModel* m, const CollisionMeshes& meshes, int geom);
@@ -76,9 +76,6 @@ class Features {
   int cluster_[kMost];
   Vec3 added_[kMost], sorted_[kMost];
 };
-
-// The point of an ellipsoid of half axes `size`, in its own axes, that is farthest along `direction` [m].
-Vec3 EllipsoidSupport(const mjtNum* size, const Vec3& direction);
 
 }  // namespace mjframes
 

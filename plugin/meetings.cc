@@ -27,12 +27,13 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
 // own side.
 bool WayOut(const DeformedPatch& body, const MetPoint& point, const Vec3& facing, const Vec3& inwards,
             DeformedPatch::Cube* cube, double* distance, Vec3* normal) {
-  Vec3 surface;
+  Vec3 surface, at = point.xi + inwards;
   double doubt;
-  const bool found = body.Surface(point.xi + inwards, cube, &surface, normal, &doubt);
+  const bool found = body.Surface(&at, cube, &surface, normal, &doubt);
   const double opposed = found ? -Dot(facing, *normal) : 0;
   if (opposed < kOpposed) {
-    if (!body.Surface(point.xi, cube, &surface, normal, &doubt)) return false;
+    at = point.xi;
+    if (!body.Surface(&at, cube, &surface, normal, &doubt)) return false;
   } else {
     const double share = opposed * std::clamp((doubt - kTrust) / (kNoTrust - kTrust), 0.0, 1.0);
     const Vec3 mean = (1 - share) * *normal - share * facing;

@@ -232,26 +232,22 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   if (reader->Has("patch_dent")) {
     dent = reader->Array<double>("patch_dent");
     factor = reader->Array<int32_t>("patch_factor");
-    const bool match = dent.size() == 3 * cluster_size.size() && factor.size() == cluster_size.size();
+    const bool match = dent.size() == 3 * factor.size();
     const auto [least, largest] = std::minmax_element(factor.begin(), factor.end());
     const bool are = match && !factor.empty() && *least >= 0 && *largest < factors;
     const bool positive = std::all_of(dent.begin(), dent.end(), [](double value) { return value >= 0; });
-    if (!reader->Check(are && positive, "the dents of its patches are not one a cluster, or negative")) return {};
+    if (!reader->Check(are && positive, "the dents of its patches do not match each other, or are negative")) return {};
   }
   if (!reader->Check(size.size() == patches.size() && clusters.size() == patches.size(),
                      "its patch geoms do not match its patches")) {
     return {};
   }
-  size_t p = 0, w = 0, c = 0, o = 0;
+  size_t p = 0, w = 0, c = 0, v = 0;
   for (size_t i = 0; i < patches.size(); i++) {
     Patch& patch = patches[i];
     const size_t count = std::max(size[i], 0), groups = std::max(clusters[i], 0);
     if (!reader->Check(groups > 0 && groups <= kMaxClusters && c + groups <= cluster_size.size(), kMismatch)) return {};
     patch.cluster.assign(cluster_size.begin() + c, cluster_size.begin() + c + groups);
-    for (size_t g = c; g < c + groups && !dent.empty(); g++) {
-      patch.dent.push_back({dent[3 * g], dent[3 * g + 1], dent[3 * g + 2]});
-      patch.factor.push_back(factor[g]);
-    }
     size_t n = 0;
     for (const int32_t vertices : patch.cluster) {
       if (!reader->Check(vertices > 0 && vertices <= kMaxPatchVertices, "a cluster of a patch has no valid size")) {
@@ -274,16 +270,22 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
     }
     if (!reader->Check(owned, "a patch is not on the body of one of its control points")) return {};
     if (!offset.empty()) {
-      if (!reader->Check(o + 3 * n <= offset.size(), kMismatch)) return {};
-      patch.offset.assign(offset.begin() + o, offset.begin() + o + 3 * n);
+      if (!reader->Check(3 * (v + n) <= offset.size(), kMismatch)) return {};
+      patch.offset.assign(offset.begin() + 3 * v, offset.begin() + 3 * (v + n));
+    }
+    if (!dent.empty()) {
+      if (!reader->Check(v + n <= factor.size(), kMismatch)) return {};
+      for (size_t s = v; s < v + n; s++) patch.dent.push_back({dent[3 * s], dent[3 * s + 1], dent[3 * s + 2]});
+      patch.factor.assign(factor.begin() + v, factor.begin() + v + n);
     }
     p += count;
     w += count * n;
     c += groups;
-    o += 3 * n;
+    v += n;
   }
   const bool all = p == point.size() && w == weight.size() && c == cluster_size.size();
-  reader->Check(all && (offset.empty() || o == offset.size()), kMismatch);
+  const bool each = (offset.empty() || 3 * v == offset.size()) && (dent.empty() || v == factor.size());
+  reader->Check(all && each, kMismatch);
   return patches;
 }
 

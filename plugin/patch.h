@@ -106,8 +106,8 @@ struct Patch {
   int geom = -1;
   int vertices = 0;              // number of vertices n, cluster after cluster
   std::vector<int32_t> cluster;  // number of vertices of each cluster          (≤ kMaxClusters)
-  std::vector<Dent> dent;        // of each cluster; none where contacts make none
-  std::vector<int32_t> factor;   // of the materials' that its softness follows
+  std::vector<Dent> dent;        // below each vertex; none where contacts make none          (n)
+  std::vector<int32_t> factor;   // of the materials' that its softness follows               (n)
   std::vector<int32_t> point;    // control points, ancestors first             (p)
   std::vector<double> weight;    // W_j(s), one row of n a point                (p × n)
   std::vector<double> offset;    // s − Σ_j W_j(s) x̄_j [m], by component; empty where the frames give none (3 × n)

@@ -9,6 +9,7 @@
 #include "geom_distance.h"
 #include "meetings.h"
 #include "placed.h"
+#include "round_touch.h"
 #include "simd.h"
 #include "soft_body.h"
 #include "surface_state.h"
@@ -98,19 +99,26 @@ Vec3 Facing(const Patch& patch, int begin) {
   return patch.volume.facing.empty() ? Vec3{} : patch.volume.facing[patch.ClusterOf(begin)];
 }
 
+// Half of the heights over which a contact goes to a corner [m]: what falls freely for a step or two stays among them.
+double CornerWidth(const mjModel* m, double reach) {
+  const double fall = Norm(ToVec3(m->opt.gravity)) * m->opt.timestep * m->opt.timestep;
+  return std::clamp(kCornerFall * fall, kCorner * reach, kCornerMost * reach);
+}
+
 // Where flat lies on flat, any distribution of the force over a cluster holds it up: the contact goes to the corner,
 // the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
 // pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
-// where it is as deep, 0 from `top` on. corner: where that is [m].
-void MoveToCorner(const Patch& patch, double reach, const Shared& shared, const Vec3& corner, double* share,
+// where it is deeper by `width`, ½ and g = 0 where it is as deep, 0 where it is higher by `width`. corner: where that
+// is [m].
+void MoveToCorner(const Patch& patch, double width, const Shared& shared, const Vec3& corner, double* share,
                   Touch* touch) {
   if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
   touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
-  const double top = kCornerTop * reach, higher = std::min(shared.first - touch->distance, top);
-  const double moved = higher > 0 ? 1 - higher / top : 1;
+  const double higher = shared.first - touch->distance;
+  const double moved = std::clamp(0.5 * (width - higher) / width, 0.0, 1.0);
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;
   if (moved > 0) touch->position = (1 - moved) * touch->position + moved * place;
-  touch->distance += higher > 0 ? higher - 0.5 * higher * higher / top : higher;
+  touch->distance += 0.25 * width + (higher > -width ? -width * moved * moved : higher);
   for (int s = touch->begin; s < touch->end; s++) share[s] *= 1 - moved;
   share[touch->begin] += moved;
 }
@@ -134,8 +142,8 @@ Vec3 FacingNow(SurfaceState* state, int patch, int begin) {
 }
 
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.
-int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double margin, TouchScratch* scratch,
-                Touch* out) {
+int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double width, double margin,
+                TouchScratch* scratch, Touch* out) {
   const double reach = soft.deformed.contact().reach;
   if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin) return 0;
   const Patch& patch = soft.deformed.patch();
@@ -168,54 +176,18 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double mar
     if (!Settle(0, square, shared, &touch)) continue;
     if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
-    MoveToCorner(patch, reach, shared, Vertex(vertices, n, begin), share, &touch);
+    MoveToCorner(patch, width, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < margin) out[count++] = touch;
   }
   return count;
 }
 
-// The point of an ellipsoid at `centre` that is deepest in the soft body, down the surface's normal; the centre itself
-// where nothing of the patch is near.
-Vec3 Support(const mjModel* m, int geom, const Mat3& axes, const Vec3& centre, const Placed& soft) {
-  Vec3 p = centre, xi, normal;
-  double distance;
-  const mjtNum* size = m->geom_size + 3 * geom;
-  if (!soft.pose.box.Contains(centre, soft.room + std::max({size[0], size[1], size[2]}))) return centre;
-  if (!soft.Distance(centre, false, &xi, &distance, &normal)) normal = centre - soft.pose.box.centre;
-  for (int step = 0; step < kSupportSteps; step++) {
-    p = centre + Mul(axes, EllipsoidSupport(size, MulT(axes, -1 * normal)));
-    if (!soft.Distance(p, false, &xi, &distance, &normal)) break;
-  }
-  return p;
-}
-
-// Whether p is under the patch for all of the body; the patch's own rows may take it for another's (meetings.cc).
-bool IsUnder(const Placed& soft, const Vec3& p, Vec3 xi) {
-  const DeformedPatch all = soft.state->Deformed(kAllPatches);
-  const DistanceField& field = all.contact().field;
-  int nodes[8];
-  Vec3 fraction;
-  return soft.pose.box.Contains(p, soft.room) && all.Find(p, false, &xi) && field.CubeAt(xi, nodes, &fraction) &&
-         field.IsNearest(nodes, fraction, soft.number);
-}
-
-// Where an ellipsoid's support point touches the patch, if it does; the normal points out of the soft body.
-int SupportTouches(const mjModel* m, const mjData* d, int geom, const Placed& soft, double margin, Touch* out) {
-  const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
-  Touch touch = {0, Support(m, geom, axes, ToVec3(d->geom_xpos + 3 * geom), soft), {}, {}, -1, 0, 0, 0, 0, {}};
-  const auto distance = [&](bool own) {
-    return soft.Distance(touch.position, own, &touch.xi, &touch.distance, &touch.normal);
-  };
-  if (!distance(true) && !(IsUnder(soft, touch.position, touch.xi) && distance(false))) return 0;
-  if (!(touch.distance < margin) || !Settle(0, 0, {}, &touch)) return 0;
-  *out = touch;
-  return 1;
-}
+// The variance of what a vertex stands for [m²].
+double OfOneVertex(double spacing) { return spacing * spacing / 12; }
 
 // The features of a geom, balls of that radius, that touch the patch; normals point out of the soft body. found: where
 // they are in that.
-int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius, double reach, double margin,
-                   Touch* out) {
+int FeatureTouches(const MetPoints& found, const Placed& soft, double radius, double reach, double margin, Touch* out) {
   constexpr int kMost = 64;  // points of one cluster that count: the first ones of a mesh with more
   const MetPoint* near[kMost];
   double share[kMost];
@@ -223,12 +195,12 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
   for (const MetPoint *met = found.first, *end = met + found.count; met != end;) {
     int size = 0;
     for (const int cluster = met->cluster; met != end && met->cluster == cluster; met++) {
-      if (met->patch != patch || size == kMost) continue;
+      if (met->patch != soft.number || size == kMost) continue;
       near[size] = met;
       share[size++] = met->distance - radius;
     }
     if (size == 0) continue;
-    const Shared shared = ShareOut(share, 0, size, reach, dents);
+    const Shared shared = ShareOut(share, 0, size, reach, !soft.deformed.patch().dent.empty());
     if (!(shared.distance < margin)) continue;
     Touch touch = {shared.distance, {}, {}, {}, -1, 0, 0, 0, 0, {}};
     double square = 0;
@@ -238,17 +210,20 @@ int FeatureTouches(const MetPoints& found, int patch, bool dents, double radius,
       touch.normal = touch.normal + share[i] * near[i]->normal;
       touch.xi = touch.xi + share[i] * near[i]->xi;
     }
-    if (Settle(radius, square, shared, &touch)) out[count++] = touch;
+    if (!Settle(radius, square, shared, &touch)) continue;
+    const double least = OfOneVertex(soft.deformed.patch().volume.spacing);
+    touch.variance = static_cast<float>(std::max(kEdgePressure * touch.variance, least));
+    out[count++] = touch;
   }
   return count;
 }
 
 // The vertices of one patch that touch one of another soft body; normals point out of the other. found: where they are
 // in that body.
-int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, int side, double margin,
-                  TouchScratch* scratch, Touch* out) {
+int VertexTouches(const mjModel* m, const SoftSide& own, int other_patch, const MetPoints& found, int side,
+                  double margin, TouchScratch* scratch, Touch* out) {
   if (found.count == 0) return 0;
-  const double reach = own.body->contact().model().reach;
+  const double reach = own.body->contact().model().reach, width = CornerWidth(m, reach);
   const Patch& patch = own.body->contact().model().patches[own.patch];
   double* share = scratch->share[side];
   const MetPoint* of_vertex[kMaxPatchVertices];
@@ -278,7 +253,7 @@ int VertexTouches(const SoftSide& own, int other_patch, const MetPoints& found, 
       const bool touches = shared.deepest < margin && Settle(0, square, shared, &touch);
       if (touches && !LiesAlong(FacingNow(own.body->contact().state(), own.patch, begin), touch.normal)) {
         const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
-        MoveToCorner(patch, reach, shared, corner, share, &touch);
+        MoveToCorner(patch, width, shared, corner, share, &touch);
         if (touch.distance < margin) out[count++] = touch;
       }
     }
@@ -313,7 +288,7 @@ int SoftTouches(const mjModel* m, const mjData* d, const int geom[2], const Soft
   for (int s = 0; s < 2; s++) {
     const MetPoints found = meetings[s]->FindVertices(side[s].patch, meetings[1 - s], height[s]);
     Touch* own = s == 0 ? out : out + count[0];
-    count[s] = VertexTouches(side[s], side[1 - s].patch, found, s, margin, scratch, own);
+    count[s] = VertexTouches(m, side[s], side[1 - s].patch, found, s, margin, scratch, own);
   }
   for (int i = 0; i < count[0]; i++) out[i].normal = -1 * out[i].normal;
   if (count[0] + count[1] > 0 && !is_wide) {
@@ -340,14 +315,13 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   const Placed soft = Place(contact, side[s].patch, d, room + shared + ball);
   int count = 0;
   if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
-    const int vertices = count = GeomTouches(soft, s, query, margin, scratch, out);
-    if (contact.model().has_volume && m->geom_type[rigid] == mjGEOM_ELLIPSOID) {
-      count += SupportTouches(m, d, rigid, soft, margin, out + count);
+    const int vertices = count = GeomTouches(soft, s, query, CornerWidth(m, shared), margin, scratch, out);
+    if (contact.model().has_volume && IsRound(m->geom_type[rigid])) {
+      count += RoundTouch(m, d, rigid, query, soft, margin, out + count);
     } else if (contact.model().has_volume) {
       const double height = std::max(0.0, margin) + shared + ball;  // what is higher has no share in a contact
       const MetPoints found = contact.meetings()->FindFeatures(m, d, rigid, soft.room, height);
-      count +=
-          FeatureTouches(found, side[s].patch, !soft.deformed.patch().dent.empty(), ball, shared, margin, out + count);
+      count += FeatureTouches(found, soft, ball, shared, margin, out + count);
     }
     // those of features point out of the soft body, the others into it
     for (int i = 0; i < count; i++) {
@@ -356,6 +330,29 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   }
   soft.state->Keep(d, side[s].patch, rigid, nullptr, out, count, scratch->share[s], nullptr);
   return count;
+}
+
+// Of the vertices around the centre: the mean over about what touches, and over the nearest ones at least. stiffness:
+// by which materials were scaled.
+Dent FleshBelow(const Patch& patch, const double* vertices, const Touch& touch, const double* stiffness) {
+  const int n = patch.vertices;
+  const double spacing = patch.volume.spacing, square = kEdgeOfPressure * touch.variance + spacing * spacing;
+  Dent mean;
+  double total = 0;
+  const auto add = [&](int s, double share) {
+    const Dent& dent = patch.dent[s];
+    mean.width += share * dent.width;
+    mean.softness += share * dent.softness / std::sqrt(stiffness[patch.factor[s]]);
+    mean.thickness += share * dent.thickness;
+    total += share;
+  };
+  for (int s = 0; s < n; s++) {
+    const Vec3 offset = Vertex(vertices, n, s) - touch.centre;
+    if (const double share = square - Dot(offset, offset); share > 0) add(s, share);
+  }
+  double far = mjMAXVAL;
+  if (total == 0) add(std::max(0, NearestVertex(vertices, n, touch.centre, &far)), 1);
+  return {mean.width / total, mean.softness / total, mean.thickness / total};
 }
 
 }  // namespace
@@ -427,18 +424,10 @@ ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
     const std::lock_guard lock(state->mutex);
     const Patch& patch = state->Deformed(side[s].patch).patch();
     if (patch.dent.empty()) continue;
-    int vertex = touch.begin;
-    if (s != touch.side) {
-      double square = mjMAXVAL;
-      vertex = std::max(0, NearestVertex(state->Vertices(side[s].patch), patch.vertices, touch.position, &square));
-    }
-    const size_t cluster = patch.ClusterOf(vertex);
-    Dent& dent = dents.side[s] = patch.dent[cluster];
-    dent.softness /= std::sqrt(side[s].body->scaling().stiffness[patch.factor[cluster]]);
+    dents.side[s] = FleshBelow(patch, state->Vertices(side[s].patch), touch, side[s].body->scaling().stiffness.data());
     spacing = std::max(spacing, patch.volume.spacing);
   }
-  const double least = spacing * spacing / 12;  // of what a vertex stands for
-  dents.variance = touch.side < 0 ? std::max(kEdgePressure * dents.variance, least) : dents.variance + least;
+  if (touch.side >= 0) dents.variance += OfOneVertex(spacing);
   return dents;
 }
 

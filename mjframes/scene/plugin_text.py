@@ -250,15 +250,11 @@ def _contact(body: SoftBody, patches: Sequence[Patch], dents: bool) -> dict[str,
 
 
 def _dents(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:
-    """The dents below each cluster: width [m], softness [1/√Pa], thickness [m], and which factor they follow."""
-    below, means, first = body.contact.dents, [], []
-    for patch in patches:
-        clusters = body.contact.cluster[patch.vertices]
-        count = np.bincount(clusters)
-        values = (some[patch.vertices] for some in (below.width, below.softness, below.thickness))
-        means.append(np.column_stack([np.bincount(clusters, some) / count for some in values]).ravel())
-        first.append(body.factor_of[below.material[patch.vertices[np.unique(clusters, return_index=True)[1]]]])
-    return {"patch_dent": encode(np.concatenate(means)), "patch_factor": encode(np.concatenate(first))}
+    """The dents below each vertex: width [m], softness [1/√Pa], thickness [m], and which factor they follow."""
+    below, vertices = body.contact.dents, np.concatenate([patch.vertices for patch in patches])
+    values = np.column_stack([below.width, below.softness, below.thickness])[vertices]
+    factors = body.factor_of[below.material[vertices]]
+    return {"patch_dent": encode(values), "patch_factor": encode(factors)}
 
 
 def _distance_field(body: SoftBody, patches: Sequence[Patch]) -> dict[str, str]:

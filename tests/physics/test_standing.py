@@ -77,7 +77,10 @@ def test_a_block_rests_as_deep_as_a_rigid_one_whatever_the_step(timestep: float)
         run(model, data, 2)
         assert data.ncon == 4
         depths.append(data.contact.dist)
-    assert depths[1] == pytest.approx(depths[0], rel=1e-4)
+    assert depths[1].mean() == pytest.approx(depths[0].mean(), rel=1e-4)
+    assert depths[1] == pytest.approx(
+        depths[0], rel=0.06
+    )  # not all clusters are as large, and a contact is at both ends
 
 
 def test_a_block_with_dents_rests_alike_whatever_the_step() -> None:
@@ -118,3 +121,14 @@ def test_a_cube_stands_on_a_slope_and_tips_on_a_steep_one(voxels: int, degrees: 
         run(model, data, 0.1)
         highest = max(highest, float(view.positions([[0.0599, 0.03, 1e-4]])[0, 2]))
     assert (highest < 5e-3) == stands
+
+
+@pytest.mark.parametrize("timestep", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize(("size", "frames"), [((0.08, 0.08, 0.08), 8), ((0.08, 0.06, 0.04), 16)])
+def test_a_block_comes_to_rest_at_any_step(size: tuple[float, float, float], frames: int, timestep: float) -> None:
+    """Its bulging base lifts the corners a little: contacts that jumped to them shook it by 1 cm/s for ever."""
+    body = build(Volume.box(size, Material(1e5, 0.3, 1000), voxels=4000), frames)
+    placed = (body, (0, 0, size[2] / 2 + 5e-4), UPRIGHT)
+    model, data = compiled(FLOOR.format(option=f'timestep="{timestep}"'), placed)
+    run(model, data, 3)
+    assert np.abs(data.qvel).max() < 2e-5

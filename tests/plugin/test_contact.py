@@ -233,9 +233,11 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
         distance, lies = float(share @ gap), 0.0
         if cluster.flat:  # the contact goes to the corner, where the cluster begins, unless that is higher
             lies = min(1.0, 2 * float(bears.mean()))
-            higher = min(gap[0] - distance, 0.04 * reach)
-            moved = 1 - max(0.0, higher) / (0.04 * reach)
-            distance += higher - max(0.0, higher) ** 2 / (0.08 * reach)
+            fall = 3 * np.linalg.norm(model.opt.gravity) * model.opt.timestep**2
+            width = np.clip(fall, 0.02 * reach, 0.25 * reach)
+            higher = gap[0] - distance
+            moved = np.clip((width - higher) / (2 * width), 0, 1)
+            distance += width / 4 + (higher if higher < -width else -width * moved**2)
             share = (1 - moved) * share + moved * (np.arange(len(gap)) == 0)
         if distance < model.geom_margin[geom]:
             weight = share @ cluster.weights

@@ -300,7 +300,9 @@ def test_vertices_touch_a_soft_body_where_they_touch_a_rigid_one_of_its_shape() 
         touched.append(data.contact.pos[:, :2].copy())  # the wide one's surface is not quite as high as the box
     assert len(touched[0]) > 3
     apart = np.abs(touched[0][:, None] - touched[1][None]).max(axis=2)
-    assert apart.min(axis=1).max() < 2e-6  # weights of the lattice have 16 bits
+    assert (
+        apart.min(axis=1).max() < 2e-5
+    )  # weights of the lattice have 16 bits, and corners that are as deep half a share
 
 
 @pytest.mark.parametrize("moves", ["soft0", "soft1"])

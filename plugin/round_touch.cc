@@ -1,0 +1,135 @@
+#include "round_touch.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "constants.h"
+#include "deformed.h"
+#include "linear.h"
+
+namespace mjframes {
+namespace {
+
+double DistanceOf(const GeomQuery& geom, const Vec3& p) {
+  double distance;
+  geom.Distances(p.data(), 1, 0, 1, &distance);
+  return distance;
+}
+
+// The vertex of the patch that is deepest in the geom.
+int DeepestVertex(const mjModel* m, const mjData* d, int geom, const GeomQuery& query, const Placed& soft) {
+  if (m->geom_type[geom] == mjGEOM_SPHERE) return soft.NearestVertex(ToVec3(d->geom_xpos + 3 * geom));
+  double distance[kMaxPatchVertices];
+  const int n = soft.deformed.patch().vertices;
+  query.Distances(soft.state->Vertices(soft.number), n, 0, n, distance);
+  return static_cast<int>(std::min_element(distance, distance + n) - distance);
+}
+
+// A place of the deformed surface.
+struct SurfacePoint {
+  Vec3 xi, position, normal;
+  DeformedPatch::Cube cube;
+  double distance;  // f [m]
+  Vec3 slope;       // its gradient along the surface [-]
+};
+
+// Next to the material point ξ; false midway between two sides.
+bool Find(const DeformedPatch& body, const GeomQuery& geom, const Vec3& xi, SurfacePoint* point) {
+  double doubt;
+  point->xi = xi;
+  if (!body.Surface(&point->xi, &point->cube, &point->position, &point->normal, &doubt)) return false;
+  point->distance = DistanceOf(geom, point->position);
+  const Vec3 up = geom.Normal(point->position);
+  point->slope = up - Dot(up, point->normal) * point->normal;
+  return true;
+}
+
+// Goes to where f is least. step: the first, over the slope [m]; longest: of all [m].
+void Descend(const DeformedPatch& body, const GeomQuery& geom, const Mat3& cubes, double step, double longest,
+             SurfacePoint* point) {
+  for (int i = 0; i < kRoundSteps; i++) {
+    const double steep = Norm(point->slope);
+    if (!(step * steep > kRoundSure * longest)) return;
+    step = std::min(step, longest / steep);
+    SurfacePoint next;
+    const Vec3 xi = point->xi - Mul(cubes, step * point->slope);
+    if (!Find(body, geom, xi, &next) || next.distance > point->distance) {
+      step *= 0.25;
+      continue;
+    }
+    const Vec3 moved = next.position - point->position;
+    const double bend = Dot(moved, next.slope - point->slope);
+    step = bend > 0 ? Dot(moved, moved) / bend : 2 * step;
+    *point = next;
+  }
+}
+
+// The point of the geom that is farthest along a direction.
+Vec3 Farthest(const mjModel* m, const mjData* d, int geom, const Vec3& direction) {
+  const mjtNum* size = m->geom_size + 3 * geom;
+  const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
+  const bool sphere = m->geom_type[geom] == mjGEOM_SPHERE;
+  const Vec3 half = {size[0], size[sphere ? 0 : 1], size[sphere ? 0 : 2]}, along = MulT(axes, direction);
+  Vec3 scaled;
+  for (int i = 0; i < 3; i++) scaled[i] = half[i] * along[i];
+  const double norm = Norm(scaled);
+  for (int i = 0; i < 3; i++) scaled[i] *= half[i] / norm;
+  return ToVec3(d->geom_xpos + 3 * geom) + Mul(axes, scaled);
+}
+
+// Of the geom at p on its surface, where n is its normal: half of what n turns by along the surface [1/m].
+double CurvatureOf(const GeomQuery& geom, const Vec3& p, const Vec3& n, double step) {
+  const Vec3 one = Cross(n, std::abs(n[0]) < 0.5 ? Vec3{1, 0, 0} : Vec3{0, 1, 0});
+  double sum = 0;
+  for (const Vec3& along : {(1 / Norm(one)) * one, (1 / Norm(one)) * Cross(n, one)}) {
+    sum += Dot(along, geom.Normal(p + step * along) - geom.Normal(p - step * along)) / (2 * step);
+  }
+  return 0.5 * sum;
+}
+
+// Of the soft surface at the point, where vertices so near are below its tangent plane [1/m].
+double CurvatureOf(const Placed& soft, const SurfacePoint& point, double near) {
+  const int n = soft.deformed.patch().vertices;
+  const double* vertices = soft.state->Vertices(soft.number);
+  double moment = 0, total = 0;
+  for (int s = 0; s < n; s++) {
+    const Vec3 offset = Vec3{vertices[s], vertices[n + s], vertices[2 * n + s]} - point.position;
+    if (!(Dot(offset, offset) < near * near)) continue;
+    const double up = Dot(offset, point.normal), square = Dot(offset, offset) - up * up;
+    moment -= square * up;
+    total += square * square;
+  }
+  return total > 0 ? 2 * moment / total : 0;
+}
+
+}  // namespace
+
+bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& query, const Placed& soft, double margin,
+                Touch* out) {
+  const DeformedPatch body = soft.state->Deformed(kAllPatches);
+  const DistanceField& field = body.contact().field;
+  const PatchVolume& volume = soft.deformed.patch().volume;
+  const mjtNum* size = m->geom_size + 3 * geom;
+  const double radius = m->geom_type[geom] == mjGEOM_SPHERE ? size[0] : std::min({size[0], size[1], size[2]});
+  SurfacePoint point;
+  if (!Find(body, query, soft.deformed.VertexPoint(DeepestVertex(m, d, geom, query, soft)), &point)) return false;
+  if (point.distance > margin + volume.cover * soft.pose.stretch) return false;
+  Descend(body, query, soft.pose.slope, std::abs(radius + point.distance), kRoundStride * field.spacing, &point);
+  if (!field.IsNearest(point.cube.nodes, point.xi - point.cube.base, soft.number)) return false;
+  // where its centre is inside, the geom's nearest point is not its deepest
+  const Vec3 normal = point.normal, tip = Farthest(m, d, geom, -1 * normal);
+  const double distance = Dot(normal, tip - point.position);
+  if (!(distance < margin)) return false;
+  const Vec3 place = point.position + 0.5 * distance * normal;
+  *out = {distance, place, place, normal, -1, 0, 0, 0, 0, point.xi};
+  if (soft.deformed.patch().dent.empty() || !(distance < 0)) return true;
+  const double widest = std::min(radius, kWidest * volume.spacing);
+  const double curvature = std::max(0.0, CurvatureOf(query, tip, -1 * normal, kRoundStep * radius) +
+                                             CurvatureOf(soft, point, kRoundFit * volume.spacing));
+  const double square = std::min(widest * widest, -distance / std::max(curvature, mjMINVAL));
+  out->distance += curvature * square / 5;
+  out->variance = static_cast<float>(kRoundPressure * square);
+  return true;
+}
+
+}  // namespace mjframes
