@@ -45,7 +45,7 @@ def bring(data: mujoco.MjData, lowest: np.ndarray, quat: np.ndarray) -> None:
 @pytest.mark.parametrize("name", ROUND)
 def test_they_touch_at_their_lowest_point_wherever_they_come_down(name: str, dents: bool) -> None:
     """Vertices are 2 cm apart: between them balls sank in by half a millimetre before anything touched."""
-    model, data = above(*ROUND[name], slab(), dents)
+    _, data = above(*ROUND[name], slab(), dents)
     rng = np.random.default_rng(0)
     for x, y in rng.uniform(0.05, 0.15, (20, 2)):
         quat = rng.normal(size=4)
@@ -83,7 +83,7 @@ def test_the_flesh_below_is_that_of_the_place() -> None:
     body = build(volume, 1)
     force = []
     for x in (0.02, 0.06):
-        model, data = above("sphere", (0.03, 0, 0), body, True)
+        _, data = above("sphere", (0.03, 0, 0), body, True)
         top = float(body.contact.positions[:, 2].max())
         bring(data, np.array([x, 0.06, top - 5e-4]), np.array([1.0, 0, 0, 0]))
         row = data.contact[int(np.argmin(data.contact.dist))].efc_address
