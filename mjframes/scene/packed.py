@@ -25,6 +25,18 @@ SCENE = "scene.xml"  # name of the scene among its files
 NUMBERS = "numbers.npz"  # of the model, those that its XML does not give
 FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a compiler: where files are looked for
 SHOWN = 40  # letters of a name that is none
+# In place of these MuJoCo saves what they make
+WRITTEN_OUT = ("attach", "composite", "flexcomp", "include", "model", "replicate")
+MOST_CELLS = 2**26  # pixels of all textures or heights of all fields, a few hundred megabytes
+PNG = b"\x89PNG\r\n\x1a\n"
+NEAR = 1e-7  # MuJoCo ends the process where znear × extent is below mjMINVAL, 1e-15
+POSITIVE = {  # numbers without which nothing is drawn, and how large they are at least
+    "opt.timestep": 1e-12,
+    "stat.extent": NEAR,
+    "vis.global_.fovy": NEAR,
+    "vis.map.zfar": NEAR,
+    "vis.map.znear": NEAR,
+}
 PARTS = (
     "",
     "opt",
@@ -71,6 +83,11 @@ def unpack(files: Mapping[str, bytes], where: str) -> mujoco.MjModel:
             _set_numbers(model, files[NUMBERS])
         except DAMAGED as error:
             raise MjframesError(f"{where}: the numbers of its scene are damaged ({error}).") from error
+    for path, least in POSITIVE.items():
+        if not least <= (number := float(_part(model, path))) < np.inf:
+            raise MjframesError(
+                f"{where}: {path} of its scene is {number:g}; it must be finite and at least {least:g}."
+            )
     return model
 
 
@@ -115,6 +132,8 @@ def _set_numbers(model: mujoco.MjModel, content: bytes) -> None:
         for path, value in file.items():
             if path not in known or value.shape != known[path].shape or value.dtype.kind != "f":
                 raise ValueError(f"{path[:SHOWN]!r} is no number of its model")
+            if not (np.isfinite(value) | ~np.isfinite(known[path])).all():  # a scene's own limits may be infinite
+                raise ValueError(f"{path} is not finite")
             part, _, name = path.rpartition(".")
             if value.ndim:
                 getattr(_part(model, part), name)[...] = value

@@ -6,7 +6,9 @@ import dataclasses
 import io
 import json
 import lzma
+import operator
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -702,6 +704,51 @@ def test_numbers_of_a_packed_scene_are_those_of_its_model(name: str) -> None:
     np.savez(stream, allow_pickle=False, **{name: np.zeros(1)})
     with pytest.raises(MjframesError, match="the numbers of its scene are damaged"):
         unpack({SCENE: ROOM.encode(), NUMBERS: stream.getvalue()}, "the log")
+
+
+def with_number(name: str, value: float) -> dict[str, bytes]:
+    """The room, packed, with a number of its model set everywhere."""
+    spec = mujoco.MjSpec.from_string(ROOM)
+    model = spec.compile()
+    owner, _, last = name.rpartition(".")
+    stream, before = io.BytesIO(), np.asarray(getattr(operator.attrgetter(owner)(model) if owner else model, last))
+    np.savez(stream, allow_pickle=False, **{name: np.full(before.shape, value)})
+    return {**pack(spec), NUMBERS: stream.getvalue()}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("body_pos", np.nan),
+        ("qpos0", np.inf),
+        ("geom_rgba", -np.inf),
+        ("opt.timestep", np.nan),
+        ("opt.timestep", 0.0),
+        ("stat.extent", 0.0),
+        ("stat.extent", 1e-20),
+        ("vis.map.znear", 0.0),
+        ("vis.map.znear", -1.0),
+        ("vis.map.zfar", 0.0),
+        ("vis.global_.fovy", 0.0),
+    ],
+)
+def test_numbers_that_nothing_can_be_drawn_with_are_refused(name: str, value: float) -> None:
+    """MuJoCo ends the process for some of them, and draws nothing for others."""
+    with pytest.raises(MjframesError, match=rf"^the log: .*{re.escape(name)} .*\.$"):
+        unpack(with_number(name, value), "the log")
+
+
+def test_a_scene_that_has_no_number_where_it_must_be_positive_is_refused() -> None:
+    xml = '<mujoco><visual><map znear="nan"/></visual></mujoco>'
+    with pytest.raises(MjframesError, match=r"the log: vis\.map\.znear of its scene is nan; it must be finite"):
+        unpack({SCENE: xml.encode()}, "the log")
+
+
+def test_infinite_numbers_that_a_scene_has_itself_are_kept() -> None:
+    spec = mujoco.MjSpec.from_string('<mujoco><custom><numeric name="a" data="inf 1"/></custom></mujoco>')
+    model = spec.compile()
+    model.numeric_data[1] = 1 / 3
+    assert unpack(pack(spec, model), "the log").numeric_data.tolist() == [np.inf, 1 / 3]
 
 
 def test_an_attachment_does_not_unpack_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
