@@ -74,8 +74,7 @@ def unpack(files: Mapping[str, bytes], where: str) -> mujoco.MjModel:
     others = {name: content for name, content in files.items() if name not in (SCENE, NUMBERS)}
     with mujoco_warnings() as warnings:
         try:
-            _require_own_files(files[SCENE], others)
-            model = mujoco.MjSpec.from_string(files[SCENE].decode(), assets=others).compile()
+            model = mujoco.MjSpec.from_string(_checked(files[SCENE], others), assets=others).compile()
         except (ValueError, mujoco.FatalError) as error:
             raise MjframesError(f"{where}: MuJoCo cannot load its scene ({sentence(error, warnings)}).") from error
     if NUMBERS in files:
@@ -91,18 +90,59 @@ def unpack(files: Mapping[str, bytes], where: str) -> mujoco.MjModel:
     return model
 
 
-def _require_own_files(scene: bytes, files: Collection[str]) -> None:
-    """Raise ValueError where a scene names a file that is not packed with it: MuJoCo would look for it on the disk."""
+def _checked(scene: bytes, files: Mapping[str, bytes]) -> str:
+    """Return a scene as MuJoCo is to read it: what was looked at, without all else that a parser may see in XML.
+
+    Raise ValueError where it is none that `pack` wrote.
+    """
     try:
         root = ElementTree.fromstring(scene)
     except ElementTree.ParseError as error:
         raise ValueError(f"it is no XML, {error}") from error
+    _require_own_files(root, files)
+    _require_possible(root, files)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _require_own_files(root: ElementTree.Element, files: Collection[str]) -> None:
+    """Raise ValueError where a scene names a file that is not packed with it: MuJoCo would look for it on the disk."""
     for element in root.iter():
         for key, name in element.items():
             if key.startswith("file") and name not in files:
                 raise ValueError(f"it names the file {name!r}, which is not packed with it")
             if key in FOLDERS:
                 raise ValueError(f"it looks for files in {name!r}, and those of a packed scene are with it")
+
+
+def _require_possible(root: ElementTree.Element, files: Mapping[str, bytes]) -> None:
+    """Raise ValueError where MuJoCo would make of a short scene more than there is memory or time for."""
+    for element in root.iter():
+        if element.tag in WRITTEN_OUT or (element.tag == "mesh" and "builtin" in element.attrib):
+            raise ValueError(f"it has a <{element.tag}> that MuJoCo writes out when it saves a scene")
+    pixels = sum(_pixels(one) for one in root.iter("texture")) + sum(map(_pixels_of_png, files.values()))
+    heights = sum(_number(one, "nrow") * _number(one, "ncol") for one in root.iter("hfield"))
+    for what, count in (("textures", pixels), ("height fields", heights)):
+        if not count <= MOST_CELLS:
+            raise ValueError(f"its {what} have {count:.3g} points, and {MOST_CELLS:.2g} are the most that is read")
+
+
+def _pixels(texture: ElementTree.Element) -> float:
+    """How many MuJoCo makes: of a cube, which is the default, six sides as wide as the first."""
+    width, height = (_number(texture, key) for key in ("width", "height"))
+    return width * (height if texture.get("type") == "2d" else max(height, 6 * width))
+
+
+def _pixels_of_png(content: bytes) -> int:
+    """How many a file has by its header, 0 where it is no PNG."""
+    width, height = (int.from_bytes(content[at : at + 4], "big") for at in (16, 20))
+    return width * height if content.startswith(PNG) else 0
+
+
+def _number(element: ElementTree.Element, key: str) -> float:
+    """An attribute of an element, 0 where it has none.  Raise ValueError for what is no size."""
+    if (number := float(element.get(key, "0"))) >= 0:
+        return number
+    raise ValueError(f"its <{element.tag}> has {key}={element.get(key)!r}")
 
 
 def _differing(model: mujoco.MjModel, other: mujoco.MjModel) -> bytes:

@@ -10,6 +10,7 @@ import operator
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -749,6 +750,56 @@ def test_infinite_numbers_that_a_scene_has_itself_are_kept() -> None:
     model = spec.compile()
     model.numeric_data[1] = 1 / 3
     assert unpack(pack(spec, model), "the log").numeric_data.tolist() == [np.inf, 1 / 3]
+
+
+ASSET = "<mujoco><asset>{}</asset></mujoco>"
+REPLICATE = '<replicate count="1000" offset="0 0 1">'
+WORLD = "<mujoco><worldbody>{}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("xml", "words"),
+    [
+        (ASSET.format('<texture name="a" type="2d" builtin="flat" width="60000" height="60000"/>'), "its textures"),
+        (ASSET.format('<texture name="a" builtin="flat" width="9000" height="1"/>'), "its textures"),
+        (
+            ASSET.format('<texture name="a" type="2d" builtin="flat" width="8192" height="4097"/>' * 2),
+            "its textures have 6.71e",
+        ),
+        (ASSET.format('<texture name="a" type="2d" builtin="flat" width="-9" height="-9"/>'), "has width='-9'"),
+        (ASSET.format('<texture name="a" type="2d" file="a.png"/>'), "its textures"),
+        (ASSET.format('<hfield name="a" nrow="60000" ncol="60000" size="1 1 1 1"/>'), "its height fields"),
+        (ASSET.format('<mesh name="a" builtin="sphere" params="12"/>'), "a <mesh> that MuJoCo writes out"),
+        (WORLD.format(f'{REPLICATE * 3}<geom size="1"/>{"</replicate>" * 3}'), "a <replicate> that MuJoCo writes out"),
+        (
+            WORLD.format('<body><flexcomp name="a" type="grid" count="900 900 900" mass="1"/></body>'),
+            "a <flexcomp> that MuJoCo writes out",
+        ),
+        ('<mujoco><include file="more.xml"/></mujoco>', "a <include> that MuJoCo writes out"),
+    ],
+)
+def test_a_scene_that_asks_for_too_much_is_refused_before_mujoco_makes_it(xml: str, words: str) -> None:
+    files = {"more.xml": b"<mujoco/>"} | ({"a.png": write_png(60000, 60000)} if "a.png" in xml else {})
+    with pytest.raises(MjframesError, match=rf"^the log: MuJoCo cannot load its scene \(.*{words}.*\)\.$"):
+        unpack({SCENE: xml.encode(), **files}, "the log")
+
+
+def write_png(width: int, height: int) -> bytes:
+    """The beginning of a picture of that size."""
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", width, height) + bytes(9)
+
+
+def test_what_mujoco_writes_out_is_packed_written_out() -> None:
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><asset><mesh name="a" builtin="sphere" params="1"/></asset><worldbody>'
+        '<geom type="mesh" mesh="a"/><replicate count="3" offset="0 0 1"><geom size=".1"/></replicate>'
+        '<body name="d"><flexcomp name="b" type="grid" count="3 3 1" spacing=".1 .1 .1" mass="1">'
+        '<edge equality="true"/></flexcomp></body>'
+        '<composite prefix="c" type="cable" curve="s" count="4 1 1" size="1"><joint kind="main"/>'
+        '<geom type="capsule" size=".01"/></composite></worldbody></mujoco>'
+    )
+    model = spec.compile()
+    assert unpack(pack(spec, model), "the log").ngeom == model.ngeom == 7
 
 
 def test_an_attachment_does_not_unpack_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
