@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STILL = 1e-6  # [m] that everything's weight has to fall for an energy that is worth a number
+STILL = 1e-6  # [m], [rad] that all has to fall, or a coordinate to go, for an energy that is worth a number
 NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a number
 ELASTIC_ALONE = ", of elastic energy alone: steps that turn very stiff bodies stretch them a little"
 
@@ -108,6 +108,12 @@ class Recording:
         return max(max(instant.kinetic for instant in self.instants), float(np.ptp(potential)))
 
     @property
+    def farthest(self) -> float:
+        """How far a coordinate could go at the largest speed of any [m], [rad]; infinite without states."""
+        fastest = max((float(np.abs(one.qvel).max(initial=0.0)) for one in self.states), default=math.inf)
+        return self.steps * self.timestep * fastest
+
+    @property
     def motion_gain(self) -> float:
         """The most by which kinetic and potential energy together exceed the total energy of the start [J].
 
@@ -139,7 +145,7 @@ def summary(recording: Recording) -> str:
 def _balance(recording: Recording) -> str:
     """What became of the energy that moved, in words."""
     scale = recording.energy_scale
-    if scale <= STILL * recording.weight:
+    if scale <= STILL * recording.weight or recording.farthest <= STILL:
         return "nothing moved"
     change = recording.energy[0] - recording.energy[-1]
     end = f"{change:.3g} J less" if change >= 0 else f"{-change:.3g} J more"

@@ -20,6 +20,7 @@ from mjframes.scene.view import Soft
 
 GAIN = 0.1  # [-] of the energy that moved: what a body may have more than it got
 ANGLE = 0.1  # [rad] of the turn that A is found from
+ROUNDING = 2.0**-52  # [-] of the energy of a body twice as large: terms like that are summed, at rest to 0 and an error
 TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/stability/energy/motions.py)
 FOLDED = 0.5  # [s] that a region may be folded over
 INSIDE = 0.5  # [-] of a body's size at rest, by which another may be in it: a cube's quarter
@@ -83,6 +84,7 @@ class _Watched:
         self._dofs = np.flatnonzero(np.isin(self._model.dof_bodyid, self._carriers))
         self._asked = _is_free(body, self._carriers, self._dofs)
         self._turning = _turning(body) if self._asked else 0.0
+        self._rounding = ROUNDING * body.elastic_energy_at(2 * body.rest) if self._asked else 0.0
         self._work = self._start = self._moved = 0.0
         self._folded_since: float | None = None
         self._seen = False
@@ -117,7 +119,8 @@ class _Watched:
         weight = float(mass.sum() * np.linalg.norm(self._model.opt.gravity))
         self._moved = max(self._moved, kinetic, abs(self._work), STILL * weight)
         made = energy - self._start
-        if made > GAIN * self._moved and made - self._stretched() > GAIN * self._moved:
+        least = max(GAIN * self._moved, self._rounding)
+        if made > least and made - self._stretched() > least:
             self._tell("energy", f"has made {made:.2g} J of energy from nothing by {instant.time:.3g} s")
 
     def _stretched(self) -> float:

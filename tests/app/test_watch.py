@@ -17,6 +17,7 @@ from benchmarks.stability.states import jacobian, move_points
 from mjframes.app.collect.options import CollectOptions
 from mjframes.app.collect.worlds import Stepping
 from mjframes.app.measure import measure, state_of
+from mjframes.app.recording import Recording, summary
 from mjframes.app.run import record
 from mjframes.app.watch import FOLDED, Watch
 from mjframes.body.build import TurnWarning, build
@@ -93,6 +94,27 @@ def test_energy_from_nothing_is_told_once_and_of_the_body() -> None:
 def test_an_ordinary_drop_alarms_nobody(law: str, method: str) -> None:
     model, _ = compiled(FLOOR, (bar(law=law, method=method), (0, 0, 0.15), TILTED))
     assert said(lambda: record(model, 1.5)) == []
+
+
+@pytest.mark.parametrize("law", ["corotational", "neo_hookean", "mooney_rivlin"])
+def test_a_body_at_rest_without_gravity_has_energy_of_rounding_alone(law: str) -> None:
+    cube = build(Volume.from_labels(np.ones((6, 6, 6), np.uint8), 0.01, {1: Material(1e5, 0.3, 1000)}), 3, law=law)
+    model, _ = compiled(SPACE.format(timestep=0.002), (cube, (0, 0, 0), (1, 0, 0, 0)))
+    made: list[Recording] = []
+    assert said(lambda: made.append(record(model, 1.5))) == []
+    assert summary(made[0]).splitlines()[-1].split() == ["energy", "nothing", "moved"]
+
+
+def test_a_body_at_rest_that_shakes_itself_is_told_of() -> None:
+    """From strains as small as 1e-7 on, which are no rounding."""
+    model, data = compiled(SPACE.format(timestep=0.002), (bar(), (0, 0, 0), (1, 0, 0, 0)), contact=False)
+    data.qpos[:] = 1e-9 * np.random.default_rng(1).normal(size=model.nq)
+    mujoco.set_mjcb_passive(stir(60.0))
+    try:
+        (sentence,) = said(lambda: watched(model, data, 300), "energy")
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert re.search(r"made \S+e-1\d J of energy from nothing", sentence)
 
 
 def test_what_users_and_contacts_put_in_alarms_nobody() -> None:
