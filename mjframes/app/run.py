@@ -23,8 +23,9 @@ from mjframes.app.ticks import Ticks
 from mjframes.app.watch import Watch
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
-from mjframes.scene.load import DIVERGED, mujoco_warnings, reset_to, start
+from mjframes.scene.load import DIVERGED, mujoco_warnings, require_model, reset_to, start
 from mjframes.scene.packed import pack
+from mjframes.volume.material import is_number
 
 if TYPE_CHECKING:
     from mjframes.app.log.session import Logging
@@ -85,6 +86,7 @@ def record(
     InstabilityWarning
         Once for each soft body that gains energy from nothing, grows or stays folded over.
     """
+    require_model(model)
     timestep = _checked_timestep(model, duration)
     controls = None if ctrl is None else control_table(model, ctrl)
     steps = max(1, round(duration / timestep))
@@ -121,7 +123,7 @@ def record(
 
 def _checked_timestep(model: mujoco.MjModel, duration: float) -> float:
     """Return the scene's timestep [s].  Raise MjframesError where it or the duration cannot be."""
-    if not (math.isfinite(duration) and duration > 0):
+    if not (is_number(duration) and duration > 0):
         raise MjframesError(f"duration is {duration!r}; it must be a positive time in seconds.")
     timestep = model.opt.timestep
     if not (math.isfinite(timestep) and timestep > 0):

@@ -21,6 +21,7 @@ from mjframes.app.dented import draw_dents
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
+from mjframes.scene.load import require_data, require_model
 
 QUALITY = {"crf": "20", "preset": "veryfast"}  # of x264: no visible loss, and faster than the drawing
 # As Foxglove needs it: a picture a packet, in order, one a second that can be decoded without those before; x264's own
@@ -121,6 +122,7 @@ def film(
     MjframesError
         For an unknown camera, for a size or rate that cannot be, and if drawing or writing fails.
     """
+    require_model(model)
     with movie(path, fps, size) as add, painter(model, camera, size) as paint:
         yield lambda data: add(paint(data))
 
@@ -153,6 +155,8 @@ def still(
     MjframesError
         For an unknown camera, and if drawing fails.
     """
+    require_model(model)
+    require_data(data)
     view = camera if isinstance(camera, mujoco.MjvCamera) else find_camera(model, camera)
     renderer = make_renderer(model, *size)
     try:

@@ -25,7 +25,7 @@ from mjframes.base.choices import (
 )
 from mjframes.base.constants import LEAST_VERTICES, VERTICES
 from mjframes.base.errors import MjframesError
-from mjframes.base.options import option, require_choices
+from mjframes.base.options import is_whole, option, require_choices
 from mjframes.elasticity.law_table import ALL_LAWS, LAWS
 from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
@@ -229,6 +229,10 @@ class BuildOptions:
             raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
         if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
             raise MjframesError("more than one of frames, at and error is given; give one of them.")
+        if frames is not None and not is_whole(frames):
+            raise MjframesError(
+                f"frames is {frames!r}, a {type(frames).__name__}; it must be a whole number from 1 on."
+            )
         if frames == 0:
             raise MjframesError("frames is 0; a body needs one or more besides what holds it.")
         if error is not None and self.paper is not None:
@@ -252,8 +256,7 @@ class BuildOptions:
 
     def _check_skin(self) -> None:
         count = self.skin_vertices
-        is_count = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-        if count is not None and not (is_count and count >= LEAST_VERTICES):
+        if count is not None and not (is_whole(count) and count >= LEAST_VERTICES):
             raise MjframesError(f"skin_vertices is {count!r}; it must be a whole number from {LEAST_VERTICES} on.")
 
     def _check_law(self, volume: Volume) -> None:

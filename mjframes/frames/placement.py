@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.options import is_whole
 from mjframes.frames.clusters import ClusterGraph, cluster_graph, improve
 from mjframes.frames.distance import nearest_sources, voxel_graph
 from mjframes.volume.grid import Grid, nearest_voxels
@@ -98,7 +99,7 @@ def _distribute(grid: Grid, frames: int | None, seed: int, seeds: Seeds) -> Seed
     sizes = np.bincount(grid.piece[rigid])[pieces] if len(pieces) else pieces
     room = len(pieces) + int(np.count_nonzero(grid.piece < 0) - np.count_nonzero(grid.piece[taken] < 0))
     fewest = 0 if seeds else 1
-    if not isinstance(frames, (int, np.integer)) or not fewest <= frames <= room:
+    if frames is None or not is_whole(frames) or not fewest <= frames <= room:
         raise MjframesError(
             f"frames is {frames!r}; it must be an integer from {fewest} to {room}, one a soft voxel or rigid piece."
         )

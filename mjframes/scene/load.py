@@ -59,6 +59,18 @@ def load_scene(path: str | os.PathLike[str]) -> tuple[mujoco.MjModel, mujoco.MjS
             raise MjframesError(f"{path}: MuJoCo cannot load the scene ({sentence(error, warnings)}).") from error
 
 
+def require_model(model: object) -> None:
+    """Raise MjframesError for what is no compiled model."""
+    if not isinstance(model, mujoco.MjModel):
+        raise MjframesError(f"model is a {type(model).__name__}; give the MjModel that spec.compile() returns.")
+
+
+def require_data(data: object) -> None:
+    """Raise MjframesError for what is no state of a model."""
+    if not isinstance(data, mujoco.MjData):
+        raise MjframesError(f"data is a {type(data).__name__}; give the MjData of the model.")
+
+
 def start(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
     """Return the scene's initial state.  warnings: what MuJoCo warned of, see `mujoco_warnings`.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -165,6 +166,14 @@ def test_refuses(keys: dict, message: str, tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(MjframesError, match=message):
         record(model_of(SCENE), **{"duration": 0.1, **keys})
     assert {path.name for path in tmp_path.iterdir()} == {"file", "folder"}
+
+
+def test_what_is_no_model_or_no_time_is_refused() -> None:
+    anything: Any = "floor.xml"
+    with pytest.raises(MjframesError, match=r"^model is a str; give the MjModel that spec\.compile\(\) returns\.$"):
+        record(anything, 1)
+    with pytest.raises(MjframesError, match=r"^duration is 'floor\.xml'; it must be a positive time"):
+        record(model_of(SCENE), anything)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import mujoco
 import numpy as np
 import pytest
@@ -22,6 +24,20 @@ def red(picture: np.ndarray) -> tuple[int, int]:
     """Width and height of what is red [pixels]."""
     rows, columns = np.nonzero(picture[..., 0] > picture[..., 1].astype(int) + 20)
     return int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+
+
+def test_what_is_no_model_or_no_state_is_refused() -> None:
+    model, other = mujoco.MjModel.from_xml_string(SCENE), cast(Any, 5)
+    for call in (
+        lambda: mf.still(other, other),
+        lambda: mf.soft(other, other, "a"),
+        lambda: mf.film(other, "a.mp4").__enter__(),
+    ):
+        with pytest.raises(mf.MjframesError, match=r"^model is a int; give the MjModel"):
+            call()
+    for call in (lambda: mf.still(model, other), lambda: mf.soft(model, other, "a")):
+        with pytest.raises(mf.MjframesError, match=r"^data is a int; give the MjData of the model\.$"):
+            call()
 
 
 def test_a_still_is_taken_by_the_camera_that_is_named() -> None:
