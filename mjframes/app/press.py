@@ -41,6 +41,7 @@ DURATION = 1.0  # [s] of the press, unless a speed is given
 HOLD = 0.3  # [s] at the end
 ROWS = 100  # of the table
 STIFF = 1.3  # [-] times Hertz's force: what frames that are far apart do
+NOTHING = 1e-3  # [-] of the largest force: what is left of it where nothing is pressed any more
 NOTABLE = 0.1  # [-] of the force or the depth: what is worth a sentence
 
 
@@ -184,6 +185,9 @@ class _Press:
             notes.append(f"the far side moved by {1e3 * moved:.2g} mm: the body is pushed or bent as a whole.")
         if abs(force[-1] - held) > NOTABLE * held:
             notes.append(f"the force went to {held:.3g} N when the indenter stopped: press more slowly.")
+        if held < NOTHING * force.max():
+            end = 1e3 * float(depth[force > 0].max())
+            notes.append(f"the force fell to nothing at {end:.3g} mm: the indenter went through the body or past it.")
         if others:
             notes.append(f"the indenter also touched {', '.join(sorted(others))}, whose forces are not counted.")
         binned, mean = _binned(depth[first:], force[first:], self.depth)
@@ -192,11 +196,13 @@ class _Press:
             hertz, told = self._hertz(binned, ground)
             notes += told
         if hertz is not None and mean[-1] > STIFF * hertz[-1]:
-            notes.append(
-                "the contact is stiffer than Hertz says: its dents are off (mf.Contact(dents=False)), or the body "
-                "has too few voxels or frames for so small a ball."
-            )
+            notes.append(f"the contact is stiffer than Hertz says: {self._why_stiff()}.")
         return Pressed(binned, mean, hertz, held, tuple(notes))
+
+    def _why_stiff(self) -> str:
+        if "patch_dent" in self.view.configuration:
+            return "build the body with finer voxels, for so small a ball"
+        return "its dents are off, by mf.Contact(dents=False) or --no-dents"
 
     def _step(self) -> None:
         mujoco.mj_step(self.model, self.data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,25 @@ def test_the_command_writes_plot_and_table(tmp_path: Path, capsys: pytest.Captur
     assert table.dtype.names == ("depth_m", "force_N", "hertz_N")
     assert len(table) > 90
     assert table["depth_m"][-1] == pytest.approx(0.001, rel=0.02)
+
+
+def test_stiff_contacts_are_told_with_what_is_so(tmp_path: Path) -> None:
+    """The ball presses on a voxel or two."""
+    for dents, words in (
+        (True, "build the body with finer voxels, for so small a ball."),
+        (False, "its dents are off"),
+    ):
+        found = press(scene(tmp_path, frames=20, dents=dents), Indenter("ball", 0.002), 0.0002)
+        (note,) = [one for one in found.notes if "stiffer" in one]
+        assert note.startswith(f"the contact is stiffer than Hertz says: {words}")
+
+
+def test_an_indenter_that_goes_through_the_body_is_told_of(tmp_path: Path) -> None:
+    found = pressed(tmp_path, "ball", 0.01, 0.2)
+    assert found.held == found.force[-1] == 0
+    (note,) = [one for one in found.notes if "nothing" in one]
+    assert re.fullmatch(r"the force fell to nothing at \S+ mm: the indenter went through the body or past it\.", note)
+    assert not any("nothing" in one for one in pressed(tmp_path, "ball", 0.01, 0.001).notes)
 
 
 def test_what_else_is_touched_is_told(tmp_path: Path) -> None:
