@@ -557,8 +557,8 @@ def require_connected(volume: Volume) -> None:
         shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
         raise MjframesError(
             f"labels have {len(sizes)} unconnected pieces, sizes {shown} voxels; "
-            "keep the largest with volume.largest_component() or --largest, or fill what is between them with "
-            "volume.filled(material) or --fill."
+            "keep the largest with volume.largest_component() or --largest, fill what is between them with "
+            "volume.filled(material) or --fill, or make a body of each piece of a mesh with mf.load_pieces or --pieces."
         )
 
 
