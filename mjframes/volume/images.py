@@ -74,6 +74,11 @@ def read_image(path: Path) -> LabelImage:
     it is not installed.
     """
     reader = next((read for suffix, read in READERS.items() if path.name.lower().endswith(suffix)), None)
+    if reader is None and path.suffix.lower() in MESH_TYPES:
+        raise MjframesError(
+            f"{path}: this is a mesh, not a label image; read it with mf.Volume.from_meshes([(path, material)]), or "
+            "give it to mjframes build."
+        )
     if reader is None:
         raise MjframesError(
             f"{path}: files of type {path.suffix or 'none'} cannot be read; label images are {', '.join(IMAGE_TYPES)}, "

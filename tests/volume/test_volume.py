@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
@@ -524,9 +525,7 @@ def test_unconnected_pieces_are_counted_and_the_largest_kept() -> None:
     labels[0], labels[2:6], labels[7, 0, :2] = 1, 2, 1
     labels[3] = 1  # a piece may hold several materials
     volume = Volume.from_labels(labels, 1, MATERIALS)
-    with pytest.raises(
-        MjframesError, match=r"3 unconnected pieces, sizes 36, 9, 2 voxels; .*--largest.* --pieces\.$"
-    ):
+    with pytest.raises(MjframesError, match=r"3 unconnected pieces, sizes 36, 9, 2 voxels; .*--largest.* --pieces\.$"):
         require_connected(volume)
     kept = volume.largest_component()
     require_connected(kept)
@@ -573,6 +572,14 @@ def test_other_types_are_refused(tmp_path: Path) -> None:
     (tmp_path / "v.dcm").write_text("DICM")
     with pytest.raises(MjframesError, match=r"v\.dcm: files of type \.dcm cannot be read; label images are \.npz, "):
         Volume.load(tmp_path / "v.dcm", spacing=0.001, materials=MATERIALS)
+
+
+def test_who_gives_a_mesh_in_place_of_an_image_is_told_how_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "ring.stl"
+    trimesh.creation.box((0.04, 0.02, 0.02)).export(path)
+    with pytest.raises(MjframesError, match=r"ring\.stl: this is a mesh, .*Volume\.from_meshes\(\[\(path, m"):
+        build(path)
+    assert Volume.from_meshes([(path, FLESH)], voxels=100).labels.any()
 
 
 def test_npy_needs_a_spacing(tmp_path: Path) -> None:
