@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -164,6 +165,14 @@ def test_moduli_of_a_post_are_identified_from_its_own_pokes(tmp_path: Path, monk
     shown = picture(tmp_path / "identify.png")
     assert min(share(shown, color) for color in ("C0", "C1")) > 3e-4  # two layers
     assert (found.error < 0.02).all()
+
+
+def test_the_errors_of_moduli_are_those_of_the_gallery() -> None:
+    page = (Path(__file__).parents[2] / "docs/gallery.md").read_text(encoding="utf-8")
+    section = page.partition("## Moduli from pokes")[2].partition("\n## ")[0]
+    said, drawn = (" ".join(str(text).split()) for text in (identify.__doc__, section))
+    percent = r"(\d+(?:, \d+ and \d+)?) %"
+    assert set(re.findall(percent, said)) == set(re.findall(percent, drawn))
 
 
 @pytest.mark.slow
