@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.packages import optional
 from mjframes.scene import plugin, solver
 
 STEPS = 10
@@ -35,12 +36,19 @@ DRAWING_TIMEOUT = 60.0  # [s] a software renderer's first start on a busy machin
 OPTIONAL = {
     "nrrd": ("reading .nrrd", "images"),
     "nibabel": ("reading .nii and .nii.gz", "images"),
+    "pyamg": ("harmonic weights of many voxels", "harmonic"),
+    "igl": ("surfaces that are not closed", "meshes"),
+    "lxml": ("reading .3mf", "meshes"),
+    "networkx": ("reading .3mf", "meshes"),
+    "meshio": ("reading tetrahedra and bricks", "meshes"),
     "av": ("writing films", "video"),
     "mcap": ("logs", "log"),
     "foxglove": ("what Foxglove draws of logs", "log"),
     "matplotlib": ("plots", "plot"),
+    "ray": ("collect --ray", "ray"),
     "viser": ("pages of view --web", "view"),
     "dm_control": ("dm_control's Physics", "dm"),
+    "gymnasium": ("environments of Gymnasium", "gym"),
 }
 
 
@@ -151,6 +159,10 @@ def _draws(backend: str) -> bool:
 def _optional(module: str, use: str, extra: str) -> Finding:
     if importlib.util.find_spec(module) is None:
         return Finding(module, f'for {use}: pip install "mjframes[{extra}]"', ABSENT)
+    try:
+        optional(module, "it", extra)
+    except MjframesError as error:
+        return Finding(module, f"for {use}: {error}", UNUSABLE)
     return Finding(module, use)
 
 

@@ -9,12 +9,18 @@ from mjframes.base.errors import MjframesError
 
 
 def optional(module: str, user: str, extra: str, package: str = "") -> Any:
-    """Return a module.  Raise MjframesError, the user ("a plot") needs its package, where it is not installed.
+    """Return a module.  Raise MjframesError, the user ("a plot") needs its package, where it is not or does not work.
 
     extra: of mjframes, which installs it.  package: its name, that of the module unless given.
     """
     try:
         return importlib.import_module(module)
-    except ImportError as error:
-        name = package or module.partition(".")[0]
-        raise MjframesError(f'{user} needs {name}, which is not installed; pip install "mjframes[{extra}]".') from error
+    except Exception as error:  # a damaged package can fail in any way
+        top = module.partition(".")[0]
+        name = package or top
+        if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] == top:
+            raise MjframesError(
+                f'{user} needs {name}, which is not installed; pip install "mjframes[{extra}]".'
+            ) from error
+        reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+        raise MjframesError(f"{user} needs {name}, which does not work ({reason}); install it anew.") from error

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import re
+import sys
+import tomllib
+from pathlib import Path
 
 import pytest
 
 from mjframes.app import doctor
+from mjframes.app.view.page import page
+from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
 
@@ -42,3 +48,32 @@ def test_what_is_missing_is_never_called_ok(
     for module, (use, extra) in doctor.OPTIONAL.items():
         assert lines[module].startswith("not installed  ")
         assert lines[module].endswith(f'for {use}: pip install "mjframes[{extra}]"')
+
+
+@pytest.mark.parametrize("fault", ["import missing_part_of_it", "raise AttributeError('viser has no paint')", "1 / 0"])
+def test_what_is_found_and_does_not_work_is_never_called_ok(
+    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "viser").mkdir()
+    (tmp_path / "viser/__init__.py").write_text(fault)
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "viser"]:
+        monkeypatch.delitem(sys.modules, name)
+    words = r"needs viser, which does not work \(.+\); install it anew\.$"
+    (found,) = [finding for finding in doctor.report() if finding.name == "viser"]
+    assert found.status == doctor.UNUSABLE
+    assert re.search(words, found.text)
+    with pytest.raises(MjframesError, match=words), page({}):
+        pass
+
+
+def test_the_doctor_knows_the_packages_of_all_extras() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    modules = {"pynrrd": "nrrd", "libigl": "igl", "foxglove-sdk": "foxglove", "dm-control": "dm_control"}
+    needed = set()
+    for extra, packages in project["optional-dependencies"].items():
+        if extra in ("all", "identify", "test", "lint", "dev", "docs", "wheels"):  # an example's, and a developer's
+            continue
+        names = {re.split(r"[<>=\[]", package)[0] for package in packages} - {"mjframes", "mujoco"}
+        needed |= {(modules.get(name, name), extra) for name in names}
+    assert {(module, extra) for module, (_, extra) in doctor.OPTIONAL.items()} == needed
