@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError, Notice
 from mjframes.elasticity.law_table import LAWS
@@ -300,22 +301,32 @@ def _with_default(materials: Materials, labels: Sequence[int], names: Mapping[in
 
 
 def template(path: str) -> str:
-    """Return YAML with a line for each label of an image, by its name where the image has one.
+    """Return YAML with a line for each label of an image, by its name and with its material where the image has one.
 
     Raise MjframesError for what is no label image.
     """
-    names = label_names(Path(path))
+    image, names = read_image(Path(path)), label_names(Path(path))
+    own = image.materials or {}
     lines = ["# young [Pa], poisson [-], density [kg/m³], or rigid: true and density, or a name of the library"]
-    for label in _labels_of(path):
+    for label in _labels_of(path, image.labels):
         name = names.get(label, f"label {label}")
-        known = LIBRARY.get(name)
-        values = "" if known else ", young: 1e4, poisson: 0.45, density: 1050"
+        values = "" if name in LIBRARY else ", young: 1e4, poisson: 0.45, density: 1050"
+        if label in own:
+            name, values = own[label].name or name, "".join(f", {entry}" for entry in _entries(own[label]))
         lines.append(f"{label}: {{name: {json.dumps(name, ensure_ascii=False)}{values}}}")
     return "\n".join(lines)
 
 
-def _labels_of(path: str) -> list[int]:
-    labels = read_image(Path(path)).labels
+def _entries(material: Material) -> list[str]:
+    """A material's values as YAML."""
+    values: dict[str, object] = {"young": material.young, "poisson": material.poisson}
+    if material.is_rigid:
+        values = {"rigid": True}
+    values |= {"density": material.density, "rgba": material.rgba, **material.law_constants}
+    return [f"{key}: {json.dumps(value)}" for key, value in values.items()]
+
+
+def _labels_of(path: str, labels: NDArray[Any]) -> list[int]:
     found = [int(label) for label in np.unique(labels) if label > 0]
     if len(found) > MOST_LABELS:
         raise MjframesError(f"{path}: it has {len(found)} values; is this a label image? Segment it first.")
@@ -343,7 +354,8 @@ def _read_image(
     if scale is not None:
         raise MjframesError(f"{files[0]}: --unit and --scale are for meshes; set an image's voxel size with --spacing.")
     if materials.default is not None:
-        materials = _with_default(materials, _labels_of(files[0]), label_names(Path(files[0])))
+        path = Path(files[0])
+        materials = _with_default(materials, _labels_of(files[0], read_image(path).labels), label_names(path))
     volume = Volume.load(
         files[0], spacing=spacing, materials=materials.by_label or None, drop_unknown=drop_unknown, crop=True, up=up
     )

@@ -110,6 +110,19 @@ def test_a_template_names_the_labels_of_an_image(
     assert main(["materials", str(tmp_path / "none.nrrd")]) == 2
 
 
+def test_a_template_has_the_materials_that_a_volume_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    materials = {
+        1: mf.Material(1.2e4, 0.45, 1050, "flesh", (0.6, 0.1, 0.1, 0.5), law_constants={"c10": 2e3}),
+        2: mf.Material.rigid(1900, name="bone"),
+        3: mf.Material(3e-3, 0.3, 920.5, "fat"),  # another than the library's
+        4: mf.Material(1e15, 0, 1e9, "label 4"),
+    }
+    mf.Volume.from_labels(np.arange(1, 5).reshape(4, 1, 1), 0.01, materials).save(tmp_path / "v.npz")
+    assert main(["materials", str(tmp_path / "v.npz")]) == 0
+    (tmp_path / "m.yaml").write_text(capsys.readouterr().out)
+    assert read_materials(str(tmp_path / "m.yaml")).by_label == materials
+
+
 def test_labels_that_are_not_named_have_the_default(scan: Path, tmp_path: Path) -> None:
     command = ["build", str(scan), "--frames", "1", "--spacing", "0.01", "-o", str(tmp_path / "a.npz")]
     assert main([*command, "--material", "1=liver", "--material", "default=fat"]) == 0
