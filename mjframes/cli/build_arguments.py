@@ -129,7 +129,11 @@ def _add_volume(command: argparse._ActionsContainer) -> None:
         "--voxels", type=texts.count, metavar="N", help="about how many voxels to have inside (meshes: 20000)"
     )
     units = command.add_mutually_exclusive_group()
-    units.add_argument("--unit", choices=("m", "dm", "cm", "mm", "um", "in", "ft"), help="of the meshes (default m)")
+    units.add_argument(
+        "--unit",
+        choices=("m", "dm", "cm", "mm", "um", "in", "ft"),
+        help="of the meshes (default: that of a .3mf, or else m)",
+    )
     units.add_argument("--scale", type=texts.factor, metavar="FACTOR", help="metres in a unit of the meshes")
     command.add_argument("--up", choices=UP, default="z", help="axis of the file that points up (default %(default)s)")
     command.add_argument("--drop-unknown", action="store_true", help="an image's labels without a material are outside")

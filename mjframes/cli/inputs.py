@@ -79,7 +79,8 @@ def read_volume(
 ) -> Volume:
     """Return the volume in one label image, or in one or more meshes, each with the material of its place.
 
-    spacing: (3,) [m].  voxels: about how many to have inside.  scale: [m] that a unit of the meshes is long.
+    spacing: (3,) [m].  voxels: about how many to have inside.
+    scale: [m] that a unit of the meshes is long, None for their own.
     drop_unknown: an image's labels without a material are outside.  up: axis of the file that points up.
     piece: name of the piece of the one mesh, None for all of it.
     Warn (Notice) of what is chosen where nothing is given.
@@ -111,9 +112,7 @@ def read_volume(
         warnings.warn(
             f"about {VOXELS} voxels are made; choose with --spacing METRES or --voxels N.", Notice, stacklevel=2
         )
-    return Volume.from_meshes(
-        pairs, spacing, voxels=voxels, fill=materials.fill, scale=1.0 if scale is None else scale, up=up
-    )
+    return Volume.from_meshes(pairs, spacing, voxels=voxels, fill=materials.fill, scale=scale, up=up)
 
 
 def read_materials(path: str) -> Materials:

@@ -82,18 +82,18 @@ class MeshSurface:
         return len(_open_edges(self.faces)[0])
 
 
-def load_surface(source: MeshLike, name: str, scale: float) -> MeshSurface:
+def load_surface(source: MeshLike, name: str, scale: float | None) -> MeshSurface:
     """Return the surface in a file (MESH_TYPES) or a trimesh object, cleaned as the module's text says.
 
-    name: what messages call it where it is no file.  scale: [m] that one unit of the mesh is long.
+    name: what messages call it where it is no file.  scale: [m] that one unit of the mesh is long, None for the unit
+    that it has, or else metres.
     Raise MjframesError if the file is missing, unreadable or of another type, or if the mesh cannot have an inside.
     """
     if isinstance(source, (str, os.PathLike)):
         name = os.fspath(source)
-        points, triangles = _read(Path(source))
+        points, triangles = _read(Path(source), scale)
     else:
-        points, triangles = _arrays(name, source)
-    points = points * scale
+        points, triangles = _arrays(name, source, scale)
     if not np.isfinite(points).all() or (len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points)):
         raise MjframesError(f"{name}: it has vertices that are no points in space; export the mesh anew.")
     points, triangles = _merge(points, triangles)
@@ -126,14 +126,16 @@ def load_surface(source: MeshLike, name: str, scale: float) -> MeshSurface:
     return replace(surface, notices=(*notices, text))
 
 
-def mesh_contents(source: MeshLike, name: str) -> tuple[object, ...]:
+def mesh_contents(source: MeshLike, name: str, scale: float | None) -> tuple[object, ...]:
     """Return all of `source` that `load_surface` depends on, for `mjframes.base.cache`: path and contents, or arrays.
+
+    name, scale: as of `load_surface`.
 
     Raise MjframesError for what is neither.
     """
     if isinstance(source, (str, os.PathLike)):
         return os.fspath(source), Path(source)  # messages have the path
-    return _arrays(name, source)
+    return _arrays(name, source, scale)
 
 
 def lids(surface: MeshSurface) -> MeshSurface:
@@ -208,11 +210,14 @@ def _require_package(path: Path, name: str) -> Any:
         raise MjframesError(f'{path}: reading it needs {name}; run pip install "mjframes[meshes]".') from error
 
 
-def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _read(path: Path, scale: float | None) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     kind = path.suffix.lower()
     if kind not in MESH_TYPES:
         raise MjframesError(f"{path}: meshes of type {kind or 'none'} cannot be read; give {', '.join(MESH_TYPES)}.")
-    return _outside(path) if kind in SOLID_TYPES else _arrays(str(path), open_scene(path))
+    if kind in SURFACE_TYPES:
+        return _arrays(str(path), open_scene(path), scale)
+    points, triangles = _outside(path)
+    return points * (scale or 1.0), triangles
 
 
 def _outside(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -245,8 +250,8 @@ def _outside(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return points, np.concatenate(triangles)
 
 
-def _arrays(name: str, mesh: object) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (n, 3) and faces (m, 3) of one mesh or of all in a scene, placed as its nodes say."""
+def _arrays(name: str, mesh: object, scale: float | None) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 3) [m] and faces (m, 3) of one mesh or of all in a scene, placed as its nodes say."""
     from mjframes.base.trimeshes import trimesh
 
     if isinstance(mesh, trimesh.Scene):
@@ -259,7 +264,19 @@ def _arrays(name: str, mesh: object) -> tuple[NDArray[np.float64], NDArray[np.in
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     start = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [np.asarray(part.faces, np.int64) + first for part, first in zip(parts, start, strict=False)]
-    return np.concatenate([np.asarray(part.vertices, np.float64) for part in parts]), np.concatenate(faces)
+    units = [_metres(name, part.units) if scale is None else scale for part in parts]
+    points = [unit * np.asarray(part.vertices, np.float64) for unit, part in zip(units, parts, strict=True)]
+    return np.concatenate(points), np.concatenate(faces)
+
+
+def _metres(name: str, unit: str | None) -> float:
+    """The length of a unit as trimesh calls it [m], 1 where there is none."""
+    from mjframes.base.trimeshes import trimesh
+
+    try:
+        return 1.0 if unit is None else trimesh.units.unit_conversion(unit, "meters")
+    except (KeyError, ValueError) as error:
+        raise MjframesError(f"{name}: its unit is {unit!r}; give its length in metres as scale or --scale.") from error
 
 
 def _merge(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.int64]]:

@@ -47,11 +47,13 @@ def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
     if len(objects) > 1:
         return objects
     surface = load_surface(path, os.fspath(path), 1.0)
+    whole = next(iter(objects.values()), None)
+    metadata = {} if whole is None else {"units": whole.units}
     owner = _owners(surface.vertices, surface.faces)
     pieces = []
     for number in np.unique(owner):
         used, corner = np.unique(surface.faces[owner == number], return_inverse=True)
-        pieces.append(trimesh.Trimesh(surface.vertices[used], corner.reshape(-1, 3), process=False))
+        pieces.append(trimesh.Trimesh(surface.vertices[used], corner.reshape(-1, 3), process=False, metadata=metadata))
     pieces.sort(key=lambda piece: -float(np.prod(piece.extents)))
     return {str(number): piece for number, piece in enumerate(pieces, 1)}
 

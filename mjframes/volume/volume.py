@@ -221,7 +221,7 @@ class Volume:
         *,
         voxels: int | None = None,
         fill: Material | None = None,
-        scale: float = 1.0,
+        scale: float | None = None,
         up: str = "z",
     ) -> Volume:
         """Return a volume from surface meshes, each of one material. Where they overlap, the later one wins.
@@ -241,7 +241,8 @@ class Volume:
         fill
             Material of the rest of the convex hull: flesh around bones. Its label is the last one.
         scale
-            Length of the meshes' unit [m], 0.001 for millimetres. Coordinates are kept otherwise.
+            Length of the meshes' unit [m], 0.001 for millimetres. The default is the unit that a mesh has itself, as
+            .3mf files do, or else the metre. Coordinates are kept otherwise.
         up
             Axis of the meshes that points up, see `upright`.
 
@@ -260,7 +261,7 @@ class Volume:
         from mjframes.volume.voxelize import spacing_for, voxelize
 
         step, count = spacing_or_voxels(spacing, voxels)
-        if not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
+        if scale is not None and not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
             raise MjframesError(f"scale is {scale!r}; it must be the length of the meshes' unit in metres.")
         pairs = list(meshes)
         if not pairs or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
@@ -276,8 +277,8 @@ class Volume:
             labels, origin, notices = voxelize(surfaces, edges, fill is not None)
             return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
 
-        contents = [mesh_contents(mesh, f"mesh {i}") for i, (mesh, _) in enumerate(pairs, 1)]
-        settings = (step, count if step is None else None, fill is not None, float(scale))
+        contents = [mesh_contents(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
+        settings = (step, count if step is None else None, fill is not None, scale if scale is None else float(scale))
         known = cached("volume", (*contents, *settings), compute)
         for notice in known["notices"].tolist():
             warnings.warn(notice, MeshWarning, stacklevel=3)  # beyond telling_memory

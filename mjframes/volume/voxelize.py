@@ -84,7 +84,7 @@ def _doubts(surfaces: Sequence[MeshSurface]) -> list[str]:
     length = float(np.subtract(*_bounds(surfaces)[::-1]).max())
     if LENGTHS[0] <= length <= LENGTHS[1]:
         return []
-    return [f"{surfaces[0].name}: the body is {length:.3g} m long; if its unit is not the metre, give scale or --unit."]
+    return [f"{surfaces[0].name}: the body is {length:.3g} m long; if its unit is another, give scale or --unit."]
 
 
 def spacing_for(surfaces: Sequence[MeshSurface], voxels: int, fill: bool) -> NDArray[np.float64]:

@@ -120,7 +120,7 @@ def test_wanted_number_of_voxels() -> None:
 
 def test_a_length_that_looks_like_another_unit_is_said() -> None:
     _, notices = said([(box((40, 60, 100)), FLESH)], 10)
-    assert notices == ["mesh 1: the body is 100 m long; if its unit is not the metre, give scale or --unit."]
+    assert notices == ["mesh 1: the body is 100 m long; if its unit is another, give scale or --unit."]
 
 
 def test_scale_is_of_the_meshes_and_not_of_the_spacing() -> None:

@@ -50,14 +50,38 @@ def test_surfaces_that_are_not_connected_are_pieces_and_cavities_stay_in_theirs(
     assert volume.origin[0] == pytest.approx(0.008)
 
 
-@pytest.mark.parametrize("kind", ["3mf", "glb"])
-def test_objects_have_the_names_of_the_file(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(("kind", "unit"), [("3mf", 1e-3), ("glb", 1.0)])
+def test_objects_have_the_names_and_the_unit_of_the_file(tmp_path: Path, kind: str, unit: float) -> None:
     path = tmp_path / f"two.{kind}"
     path.write_bytes(scene().export(file_type=kind))
     pieces = mf.load_pieces(path)
     assert set(pieces) == {"left", "right"}
     assert pieces["right"].bounds[0, 0] == pytest.approx(8)
-    assert (mf.Volume.from_meshes([(path, FLESH)], 0.5).labels != 0).sum() == 2 * 64
+    assert (mf.Volume.from_meshes([(path, FLESH)], 0.5 * unit).labels != 0).sum() == 2 * 64
+    assert (mf.Volume.from_meshes([(path, FLESH)], 0.05, scale=0.1).labels != 0).sum() == 2 * 64
+    assert mf.Volume.from_meshes([(pieces["right"], FLESH)], 0.5 * unit).origin[0] == pytest.approx(8 * unit)
+
+
+def test_a_3mf_of_one_object_is_taken_apart_in_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "one.3mf"
+    content: Any = trimesh.Scene(trimesh.util.concatenate([box(4, 0), box(2, 9)])).export(file_type="3mf")
+    path.write_bytes(content)
+    pieces = mf.load_pieces(path)
+    assert [piece.units for piece in pieces.values()] == ["millimeter"] * 2
+    command = ["build", str(path), "--pieces", "--frames", "1", "--material", "default=fat"]
+    command += ["-o", str(tmp_path / "a.npz")]
+    assert main([*command, "--spacing", "0.001"]) == 0
+    assert "size: 4 × 4 × 4 mm" in capsys.readouterr().out
+    assert main([*command, "--spacing", "0.01", "--unit", "cm"]) == 0
+    assert "size: 40 × 40 × 40 mm" in capsys.readouterr().out
+
+
+def test_a_unit_that_nobody_knows_is_refused() -> None:
+    strange = box(2, 0)
+    strange.units = "ells"
+    with pytest.raises(mf.MjframesError, match="mesh 1: its unit is 'ells'; give its length in metres as scale"):
+        mf.Volume.from_meshes([(strange, FLESH)], 0.5)
+    assert mf.Volume.from_meshes([(strange, FLESH)], 0.5, scale=1.0).labels.size == 64
 
 
 def test_gltf_is_read(tmp_path: Path) -> None:
