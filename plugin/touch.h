@@ -1,8 +1,8 @@
 // Where a patch touches another geom.
 //
-// Three kinds of points touch: the contact vertices of a patch a rigid geom, those of two patches of different soft
-// bodies the other's deformed volume, and sharp features of a rigid geom (geom_features.h) the deformed volume
-// (deformed.h). What touches within one cluster and is nearly as deep as its deepest point shares one contact.
+// Four kinds of points touch: the contact vertices of a patch a rigid geom, those of two patches of different soft
+// bodies the other's deformed volume, sharp features of a rigid geom (geom_features.h) the deformed volume
+// (deformed.h), and a round geom the place of the surface that is deepest in it (round_touch.h). What touches within one cluster and is nearly as deep as its deepest point shares one contact.
 //
 // A row acts on a deformed volume through the weights of the material point that is at the contact, so that both sides
 // feel the same force at the same place and neither momentum nor angular momentum is made.
@@ -32,7 +32,7 @@ struct Touch {
   Vec3 position;    // half way between the surfaces [m]
   Vec3 centre;      // of the pressure; the position may be at a corner [m]
   Vec3 normal;      // from the first geom to the second
-  int side;         // of the vertices that touch, or −1 where features do
+  int side;         // of the vertices that touch, or −1 where features or round geoms do
   int begin, end;   // those vertices
   float lies;       // whether it lies flat on the other: 1 if most of a flat cluster touches, else 0
   float variance;   // of what touches around the position, along one direction of the surface [m²]
