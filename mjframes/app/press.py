@@ -201,7 +201,7 @@ class _Press:
 
     def _why_stiff(self) -> str:
         if "patch_dent" in self.view.configuration:
-            return "build the body with finer voxels, for so small a ball"
+            return "dents below so small a ball are too firm, the more so the more frames the body has"
         return "its dents are off, by mf.Contact(dents=False) or --no-dents"
 
     def _step(self) -> None:

@@ -119,13 +119,10 @@ def test_the_command_writes_plot_and_table(tmp_path: Path, capsys: pytest.Captur
     assert table["depth_m"][-1] == pytest.approx(0.001, rel=0.02)
 
 
-def test_stiff_contacts_are_told_with_what_is_so(tmp_path: Path) -> None:
-    """The ball presses on a voxel or two."""
-    for dents, words in (
-        (True, "build the body with finer voxels, for so small a ball."),
-        (False, "its dents are off"),
-    ):
-        found = press(scene(tmp_path, frames=20, dents=dents), Indenter("ball", 0.002), 0.0002)
+def test_stiff_contacts_are_told_with_what_is_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjframes.app.press.STIFF", 0.5)  # what is as firm as Hertz says counts, too
+    for dents, words in ((True, "dents below so small a ball are too firm"), (False, "its dents are off")):
+        found = press(scene(tmp_path, dents=dents), Indenter("ball", 0.01), 0.001)
         (note,) = [one for one in found.notes if "stiffer" in one]
         assert note.startswith(f"the contact is stiffer than Hertz says: {words}")
 
