@@ -45,7 +45,8 @@ def bring(data: mujoco.MjData, lowest: np.ndarray, quat: np.ndarray) -> None:
 @pytest.mark.parametrize("name", ROUND)
 def test_they_touch_at_their_lowest_point_wherever_they_come_down(name: str, dents: bool) -> None:
     """Vertices are 2 cm apart: between them balls sank in by half a millimetre before anything touched."""
-    _, data = above(*ROUND[name], slab(), dents)
+    shape, size = ROUND[name]
+    _, data = above(shape, size, slab(), dents)
     rng = np.random.default_rng(0)
     for x, y in rng.uniform(0.05, 0.15, (20, 2)):
         quat = rng.normal(size=4)
