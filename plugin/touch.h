@@ -2,7 +2,8 @@
 //
 // Four kinds of points touch: the contact vertices of a patch a rigid geom, those of two patches of different soft
 // bodies the other's deformed volume, sharp features of a rigid geom (geom_features.h) the deformed volume
-// (deformed.h), and a round geom the place of the surface that is deepest in it (round_touch.h). What touches within one cluster and is nearly as deep as its deepest point shares one contact.
+// (deformed.h), and a round geom the place of the surface that is deepest in it (round_touch.h). What touches within
+// one cluster and is nearly as deep as its deepest point shares one contact.
 //
 // A row acts on a deformed volume through the weights of the material point that is at the contact, so that both sides
 // feel the same force at the same place and neither momentum nor angular momentum is made.
