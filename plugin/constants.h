@@ -168,7 +168,7 @@ inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but t
 // [-] of a pressure's variance: the Gaussian that is as far below its middle as a disc's pressure is below its mean.
 inline constexpr double kPressure = 0.405;
 // [-] of a pressure's variance: the square of where it ends, that of Hertz.
-inline constexpr double kEdgeOfPressure = 5;
+inline constexpr double kPressureEnd = 5;
 // [-] of the deepest vertex's depth: what is less deep bears nothing, as beyond the circle where a ball touches.
 inline constexpr double kDentEdge = 0.5;
 // [-] of the mean height of what shares a contact, to the depth where those are the points that touch (touch.cc).

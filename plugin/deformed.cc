@@ -165,12 +165,11 @@ bool DeformedPatch::Surface(Vec3* xi, Cube* cube, Vec3* position, Vec3* normal, 
   return true;
 }
 
-bool DeformedPatch::Distance(const Vec3& p, bool own, Cube* cube, Vec3* xi, double* distance, Vec3* normal,
-                             bool* found_own) const {
+bool DeformedPatch::Distance(const Vec3& p, Cube* cube, Vec3* xi, double* distance, Vec3* normal, bool* own) const {
   Mat3 slope;
   Vec3 surface;
   double doubt;
-  if (Find(p, own, mjMAXVAL, xi, cube, &slope, found_own) != Search::kFound) return false;
+  if (Find(p, false, mjMAXVAL, xi, cube, &slope, own) != Search::kFound) return false;
   Vec3 at = *xi;
   if (!Surface(&at, cube, &surface, normal, &doubt)) return false;
   *distance = Dot(*normal, p - surface);

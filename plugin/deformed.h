@@ -88,14 +88,14 @@ class DeformedPatch {
               bool* found_own = nullptr) const;
 
   // Signed distance [m] of p from the surface, negative inside, and the outward normal there. xi: a guess, becomes the
-  // material point at p. False where p is too far outside, midway between two sides or, if `own`, under another patch.
-  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
+  // material point at p. False where p is too far outside or midway between two sides.
+  bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
     Cube cube;
-    return Distance(p, own, &cube, xi, distance, normal, nullptr);
+    return Distance(p, &cube, xi, distance, normal, nullptr);
   }
 
-  // The same; starts in a cube that it had last, and leaves one.
-  bool Distance(const Vec3& p, bool own, Cube* cube, Vec3* xi, double* distance, Vec3* normal, bool* found_own) const;
+  // The same; starts in a cube that it had last, and leaves one. own: whether p is under this patch; may be null.
+  bool Distance(const Vec3& p, Cube* cube, Vec3* xi, double* distance, Vec3* normal, bool* own) const;
 
   // Where the surface nearest to material point ξ is, and its outward normal there; false midway between two sides.
   bool Surface(const Vec3& xi, Vec3* position, Vec3* normal) const {

@@ -169,14 +169,8 @@ void GeomQuery::Distances(const double* points, int n, int begin, int end, doubl
     Dispatch([&]<typename V>()
                  MJFRAMES_KERNEL { BoxDistances(points, n, position, orientation, size, begin, end, out); });
   } else {
-    for (int s = begin; s < end; s++) out[s] = Evaluate({points[s], points[n + s], points[2 * n + s]}, nullptr);
+    for (int s = begin; s < end; s++) out[s] = Distance({points[s], points[n + s], points[2 * n + s]}, nullptr);
   }
-}
-
-Vec3 GeomQuery::Normal(const Vec3& p) const {
-  Vec3 normal;
-  Evaluate(p, &normal);
-  return normal;
 }
 
 double GeomQuery::LowerBound(const AlignedBox& box) const {
@@ -197,7 +191,7 @@ double GeomQuery::LowerBound(const AlignedBox& box) const {
   return local[2] - below;
 }
 
-double GeomQuery::Evaluate(const Vec3& p, Vec3* normal) const {
+double GeomQuery::Distance(const Vec3& p, Vec3* normal) const {
   const Vec3 local = MulT(orientation, p - position);
   double distance = 0;
   Vec3 n{};

@@ -24,8 +24,15 @@ struct GeomQuery {
   // points: by component, as Skinned has them.
   void Distances(const double* points, int n, int begin, int end, double* out) const;
 
-  // Unit vector out of the geom at p, in the world: the gradient of the distance.
-  Vec3 Normal(const Vec3& p) const;
+  // That of p in the world, and the unit vector out of the geom there, the gradient of the distance; it may be null.
+  double Distance(const Vec3& p, Vec3* normal) const;
+
+  // That vector.
+  Vec3 Normal(const Vec3& p) const {
+    Vec3 normal;
+    Distance(p, &normal);
+    return normal;
+  }
 
   // At most the distance of any point in the box: that of a sphere and of a box around the geom.
   double LowerBound(const AlignedBox& box) const;
@@ -37,7 +44,6 @@ struct GeomQuery {
 
  private:
   void SetExtent();
-  double Evaluate(const Vec3& p, Vec3* normal) const;  // normal may be null
 
   const mjModel* model;
   const mjData* data;

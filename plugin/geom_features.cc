@@ -119,8 +119,7 @@ void Features::AddCapsule(double radius, double half) {
 }
 
 double Features::Radius(const mjModel* m, int geom) {
-  const int type = m->geom_type[geom];
-  return type == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
+  return m->geom_type[geom] == mjGEOM_CAPSULE ? m->geom_size[3 * geom] : 0;
 }
 
 Features::Features(const mjModel* m, const CollisionMeshes& meshes, int geom) {

@@ -112,7 +112,7 @@ void Meetings::Search(int patch, Meetings* other, double height, Meeting* out) {
   for (const int s : contact_.patches[patch].volume.walk) {
     // each of the vertices that are left has a place
     sink.most = static_cast<int>(out->found.size()) - --left;
-    const MetPoint sought = {s, 0, 0, {vertices[s], vertices[n + s], vertices[2 * n + s]}, {}, 0, {}};
+    const MetPoint sought = {s, 0, 0, Vertex(vertices, n, s), {}, 0, {}};
     other->Seek(sought, height, this, patch, &trail, &sink);
   }
   out->count = sink.count;
@@ -216,8 +216,7 @@ Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
   *far = std::sqrt(square);
   *slope = state_->Pose(patch).slope;
   const int n = contact_.patches[patch].vertices;
-  const double* at = state_->Vertices(patch) + vertex;
-  return state_->Deformed(patch).VertexPoint(vertex) + Mul(*slope, p - Vec3{at[0], at[n], at[2 * n]});
+  return state_->Deformed(patch).VertexPoint(vertex) + Mul(*slope, p - Vertex(state_->Vertices(patch), n, vertex));
 }
 
 // Adds a point for each patch under which its material point is, in that cube. facing, inwards: see WayOut.

@@ -49,10 +49,24 @@ double Measure(const Placed& soft, const Vec3& p, Vec3* normal) {
   }
   const double* vertices = soft.state->Vertices(soft.number);
   const int n = soft.deformed.patch().vertices, s = soft.NearestVertex(p);
-  const Vec3 vertex = {vertices[s], vertices[n + s], vertices[2 * n + s]};
+  const Vec3 vertex = Vertex(vertices, n, s);
   *normal = Direction(vertex, p);
   distance = Norm(p - vertex) - cover;
   return volume.solid ? std::max({gap, distance, kRayStep * resolution}) : distance;
+}
+
+// Signed distance [m] of p (world) from the part of the body under a patch, and which way is out. Inside it is that of
+// the surface; outside it is at most that of the nearest point, and rays that go on by it come to the surface.
+double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
+  const std::lock_guard lock(contact.state()->mutex);
+  contact.state()->Update(d);
+  SurfaceState::FieldPoint* known = contact.state()->Asked(patch, p);
+  if (!known->found) {
+    known->distance = Measure(Place(contact, patch, d, contact.model().resolution()), p, &known->normal);
+    known->found = true;
+  }
+  *normal = known->normal;
+  return known->distance;
 }
 
 double Evaluate(const mjtNum point[3], const mjData* d, int instance, mjtNum* gradient) {
@@ -89,18 +103,6 @@ std::unique_ptr<PatchField> PatchField::Create(const mjModel* m, int instance) {
 int SoftInstanceOf(const mjModel* m, int geom) {
   const int instance = m->geom_plugin[geom];
   return instance >= 0 && m->plugin[instance] == g_slot ? m->body_plugin[m->geom_bodyid[geom]] : -1;
-}
-
-double FieldDistance(const SoftContact& contact, int patch, const mjData* d, const Vec3& p, Vec3* normal) {
-  const std::lock_guard lock(contact.state()->mutex);
-  contact.state()->Update(d);
-  SurfaceState::FieldPoint* known = contact.state()->Asked(patch, p);
-  if (!known->found) {
-    known->distance = Measure(Place(contact, patch, d, contact.model().resolution()), p, &known->normal);
-    known->found = true;
-  }
-  *normal = known->normal;
-  return known->distance;
 }
 
 void RegisterPatchField() {

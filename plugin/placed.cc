@@ -18,18 +18,16 @@ Vec3 Placed::Guess(const Vec3& p, bool* near) const {
   return pose.error > kTrusted ? deformed.VertexPoint(NearestVertex(p)) : xi;
 }
 
-bool Placed::Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const {
-  if (own && !pose.box.Contains(p, room)) return false;
+bool Placed::Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const {
   bool near;
   *xi = Guess(p, &near);
-  if (own && !near) return false;
-  return deformed.Distance(p, own, xi, distance, normal);
+  return deformed.Distance(p, xi, distance, normal);
 }
 
 bool Placed::Distance(const Vec3& p, DeformedPatch::Cube* cube, double* distance, Vec3* normal, bool* own) const {
   bool near, under;
   Vec3 xi = Guess(p, &near);
-  if (!deformed.Distance(p, false, cube, &xi, distance, normal, &under)) return false;
+  if (!deformed.Distance(p, cube, &xi, distance, normal, &under)) return false;
   *own = under && near && pose.box.Contains(p, room);
   return true;
 }

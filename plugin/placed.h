@@ -21,10 +21,10 @@ struct Placed {
   const PatchPose& pose;
   double room;  // how far around the vertices and what is below them something may touch [m]
 
-  // Signed distance of p; xi becomes the material point at p. own: only under this patch.
-  bool Distance(const Vec3& p, bool own, Vec3* xi, double* distance, Vec3* normal) const;
+  // Signed distance of p from the body; xi becomes the material point at p.
+  bool Distance(const Vec3& p, Vec3* xi, double* distance, Vec3* normal) const;
 
-  // That of p from the body, and whether p is under this patch. Starts in a cube that it had last, and leaves one.
+  // The same, and whether p is under this patch. Starts in a cube that it had last, and leaves one.
   bool Distance(const Vec3& p, DeformedPatch::Cube* cube, double* distance, Vec3* normal, bool* own) const;
 
   // The vertex nearest to p.

@@ -6,15 +6,10 @@
 #include "constants.h"
 #include "deformed.h"
 #include "linear.h"
+#include "vertices.h"
 
 namespace mjframes {
 namespace {
-
-double DistanceOf(const GeomQuery& geom, const Vec3& p) {
-  double distance;
-  geom.Distances(p.data(), 1, 0, 1, &distance);
-  return distance;
-}
 
 // The vertex of the patch that is deepest in the geom.
 int DeepestVertex(const mjModel* m, const mjData* d, int geom, const GeomQuery& query, const Placed& soft) {
@@ -38,8 +33,8 @@ bool Find(const DeformedPatch& body, const GeomQuery& geom, const Vec3& xi, Surf
   double doubt;
   point->xi = xi;
   if (!body.Surface(&point->xi, &point->cube, &point->position, &point->normal, &doubt)) return false;
-  point->distance = DistanceOf(geom, point->position);
-  const Vec3 up = geom.Normal(point->position);
+  Vec3 up;
+  point->distance = geom.Distance(point->position, &up);
   point->slope = up - Dot(up, point->normal) * point->normal;
   return true;
 }
@@ -93,7 +88,7 @@ double CurvatureOf(const Placed& soft, const SurfacePoint& point, double near) {
   const double* vertices = soft.state->Vertices(soft.number);
   double moment = 0, total = 0;
   for (int s = 0; s < n; s++) {
-    const Vec3 offset = Vec3{vertices[s], vertices[n + s], vertices[2 * n + s]} - point.position;
+    const Vec3 offset = Vertex(vertices, n, s) - point.position;
     if (!(Dot(offset, offset) < near * near)) continue;
     const double up = Dot(offset, point.normal), square = Dot(offset, offset) - up * up;
     moment -= square * up;

@@ -76,6 +76,22 @@ const mjtNum* FreeCentre(const mjModel* m, const mjData* d, int body) {
   return nullptr;
 }
 
+// What the pressure has to balance: the centre of mass of the object, geom or patch, that lies free on the soft body,
+// or of this where it lies free on what stands still; null where neither does.
+const mjtNum* BalanceOf(const mjModel* m, const mjData* d, const SoftBody& body, const std::array<int, 2>& object) {
+  const auto [geom, instance] = object;
+  if (geom < 0) return nullptr;
+  const int owner = m->geom_bodyid[geom];
+  if (instance >= 0) {
+    const Kinematics& other = GetSoftBody(d, instance)->kinematics();
+    if (!other.held()) return d->subtree_com + 3 * other.holder();
+  } else if (const mjtNum* centre = FreeCentre(m, d, owner)) {
+    return centre;
+  }
+  const bool stands = m->body_weldid[owner] == 0;
+  return stands && !body.kinematics().held() ? d->subtree_com + 3 * body.kinematics().holder() : nullptr;
+}
+
 bool IsSameObject(const std::array<int, 2>& a, const std::array<int, 2>& b) {
   return a[1] >= 0 ? a[1] == b[1] : a[0] == b[0];
 }
@@ -144,7 +160,7 @@ void Taxels::Place(const mjData* d, const SoftBody& body) {
     const double* vertices = state->Vertices(static_cast<int>(p));
     for (; i < vertex_.size() && vertex_[i] < end; i++) {
       const int s = vertex_[i] - first;
-      x_[n + i] = {vertices[s], vertices[count + s], vertices[2 * count + s]};
+      x_[n + i] = Vertex(vertices, count, s);
     }
   }
 }
@@ -160,17 +176,9 @@ void Taxels::Compute(const mjModel* m, mjData* d, const SoftBody& body) {
     const std::array<int, 2> object = OtherOf(m, d->contact[c], sign);
     Load load = {c, object[0], object[1]};
     Vec3 pivot;
-    if (object[0] >= 0) {
-      const int owner = m->geom_bodyid[object[0]];
-      const Kinematics* other = object[1] >= 0 ? &GetSoftBody(d, object[1])->kinematics() : nullptr;
-      const mjtNum* centre = other ? nullptr : FreeCentre(m, d, owner);
-      const bool lies = m->body_weldid[owner] == 0 && !body.kinematics().held();
-      if (!centre && lies) centre = d->subtree_com + 3 * body.kinematics().holder();
-      if (other && !other->held()) centre = d->subtree_com + 3 * other->holder();
-      if (centre) {
-        pivot = ToVec3(centre);
-        load.pivot = &pivot;
-      }
+    if (const mjtNum* centre = BalanceOf(m, d, body, object)) {
+      pivot = ToVec3(centre);
+      load.pivot = &pivot;
     }
     bool is_new = true;
     for (int pass = 0; pass < 2; pass++) {
@@ -272,7 +280,7 @@ void Taxels::FindGaps(const mjModel* m, const mjData* d, const SoftBody& body, c
     for (int i = 0; i < count; i++) {
       Vec3 xi, normal;
       double gap;
-      const bool near = other.model().has_volume && soft.Distance(place(i), false, &xi, &gap, &normal);
+      const bool near = other.model().has_volume && soft.Distance(place(i), &xi, &gap, &normal);
       gap_[near_[i]] = near ? gap : mjMAXVAL;
       if (load.pivot) lever_[near_[i]] = near ? Cross(place(i) - *load.pivot, normal) : Vec3{};
     }

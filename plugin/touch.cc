@@ -18,8 +18,6 @@
 namespace mjframes {
 namespace {
 
-Vec3 Vertex(const double* vertices, int n, int s) { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
-
 // The surfaces of a pair, which no other thread uses meanwhile.
 class SurfaceLocks {
  public:
@@ -336,7 +334,7 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
 // by which materials were scaled.
 Dent FleshBelow(const Patch& patch, const double* vertices, const Touch& touch, const double* stiffness) {
   const int n = patch.vertices;
-  const double spacing = patch.volume.spacing, square = kEdgeOfPressure * touch.variance + spacing * spacing;
+  const double spacing = patch.volume.spacing, square = kPressureEnd * touch.variance + spacing * spacing;
   Dent mean;
   double total = 0;
   const auto add = [&](int s, double share) {
@@ -436,7 +434,7 @@ void AddPlaceWeights(const SoftSide& side, const mjData* d, const Vec3& place, d
   const Placed soft = Place(side.body->contact(), side.patch, d, 0);
   Vec3 xi, normal;
   double distance;
-  if (side.body->contact().model().has_volume && soft.Distance(place, false, &xi, &distance, &normal)) {
+  if (side.body->contact().model().has_volume && soft.Distance(place, &xi, &distance, &normal)) {
     soft.deformed.AddWeights(xi, 1, weight);
   } else {
     AddVertexWeights(soft.deformed.patch(), soft.NearestVertex(place), 1, weight);

@@ -103,7 +103,7 @@ int NearestVertex(const double* vertices, int n, const Vec3& p, double* square) 
       nearest = static_cast<int>(first[lane]) + lane;
     }
     for (; s < n; s++) {
-      const Vec3 offset = Vec3{vertices[s], vertices[n + s], vertices[2 * n + s]} - p;
+      const Vec3 offset = Vertex(vertices, n, s) - p;
       if (!(Dot(offset, offset) < best)) continue;
       best = Dot(offset, offset);
       nearest = s;

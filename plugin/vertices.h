@@ -16,6 +16,9 @@ namespace mjframes {
 // point; axes: of the soft body there.
 void SkinVertices(const Patch& patch, const Vec3* x, const Mat3& axes, double* out);
 
+// Vertex s of n.
+inline Vec3 Vertex(const double* vertices, int n, int s) { return {vertices[s], vertices[n + s], vertices[2 * n + s]}; }
+
 // Around n of them.
 AlignedBox BoxAround(const double* vertices, int n);
 
