@@ -32,6 +32,7 @@ from mjframes.volume.volume import Volume, occurring
 from mjframes.volume.voxelize import LENGTHS
 
 CONSTANTS = {name for law in LAWS.values() for name in law.names}  # of laws for large strains
+WITH_MATERIALS = ".npz"  # the type of volumes that were saved with materials
 MOST_LABELS = 1000  # of an image that has materials, not intensities
 
 
@@ -286,6 +287,19 @@ def _completed(values: Mapping[Any, Any]) -> Mapping[Any, Any]:
     return {**own, "density": known.density, "rgba": known.rgba, **values}
 
 
+def _with_own(file: str, materials: Materials) -> Materials:
+    """The materials with the file's own for labels that are not named, and the default one for the rest."""
+    image = read_image(Path(file))
+    labels, own = _labels_of(file, image.labels), dict(image.materials or {})
+    if materials.default is not None and own and set(labels) <= {*own, *materials.by_label}:
+        raise MjframesError(
+            f"{file}: --material default=… is for labels without a material, but the file has one for each; name the "
+            f"labels that you mean, as {min(labels)}=NAME:…."
+        )
+    merged = replace(materials, by_label=own | materials.by_label)
+    return _with_default(merged, labels, label_names(Path(file)))
+
+
 def _with_default(materials: Materials, labels: Sequence[int], names: Mapping[int, str]) -> Materials:
     """The materials with the default one for all labels that have none, called by the label's name."""
     if materials.default is None:
@@ -352,11 +366,10 @@ def _read_image(
         raise MjframesError(f"{files[1]}: there is more than one label image; give one, or meshes.")
     if scale is not None:
         raise MjframesError(f"{files[0]}: --unit and --scale are for meshes; set an image's voxel size with --spacing.")
-    if materials.default is not None:
-        path = Path(files[0])
-        materials = _with_default(materials, _labels_of(files[0], read_image(path).labels), label_names(path))
+    named = materials.by_label and not drop_unknown and Path(files[0]).suffix.lower() == WITH_MATERIALS
+    all_of_it = _with_own(files[0], materials) if named or materials.default is not None else materials
     volume = Volume.load(
-        files[0], spacing=spacing, materials=materials.by_label or None, drop_unknown=drop_unknown, crop=True, up=up
+        files[0], spacing=spacing, materials=all_of_it.by_label or None, drop_unknown=drop_unknown, crop=True, up=up
     )
     length = float(np.max((np.ptp(np.argwhere(volume.labels), axis=0) + 1) * volume.spacing))
     if not LENGTHS[0] <= length <= LENGTHS[1]:

@@ -53,6 +53,11 @@ def load() -> None:
         if is_loaded():
             return
         path = library_path()
+        if _is_cut_off(path):
+            raise MjframesError(
+                f"{path} is cut off, as where a disk was full; delete it and install mjframes again, or unset "
+                f"{LIBRARY_VARIABLE}."
+            )
         try:
             mujoco.mj_loadPluginLibrary(str(path))
         except mujoco.FatalError as error:
@@ -162,6 +167,16 @@ def _is_whole(library: Path) -> bool:
         return _digest_of(library).read_text() == hashlib.sha256(library.read_bytes()).hexdigest()
     except (OSError, ValueError):  # no text
         return False
+
+
+def _is_cut_off(library: Path) -> bool:
+    """Whether an ELF file ends before its section headers, its last part: loading it would end the process."""
+    with library.open("rb") as file:
+        start = file.read(64)
+    if start[:4] != b"\x7fELF":
+        return False
+    first, size, count = (int.from_bytes(start[a:b], "little") for a, b in ((40, 48), (58, 60), (60, 62)))
+    return library.stat().st_size < first + size * count
 
 
 def _digest_of(library: Path) -> Path:

@@ -73,6 +73,8 @@ def test_choices_have_options_of_their_own() -> None:
         ({"frames": 2.5}, r"^frames is 2\.5, a float; it must be a whole number"),
         ({"skin_vertices": 99}, r"^skin_vertices is 99; it must be a whole number from 100 on\."),
         ({"skin_vertices": 1e3}, r"^skin_vertices is 1000\.0; it must be a whole number"),
+        ({"frame_type": []}, r"^frame_type is \[\]; give one type, or a sequence with one for each frame\."),
+        ({"frame_type": 3}, r"^frame_type is 3; give one type, or a sequence"),
         ({"contact_reach": 1.0}, r"^contact_reach is 1\.0; it must be positive and at most 10 voxels"),
     ],
 )

@@ -214,6 +214,17 @@ def test_a_wrong_library_is_refused_by_a_sentence(sources: Path, monkeypatch: py
         plugin.load()
 
 
+def test_a_library_that_is_cut_off_is_refused_by_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading it would end the process with a bus error."""
+    whole, cut = plugin.library_path(), tmp_path / "cut.so"
+    monkeypatch.setenv(plugin.LIBRARY_VARIABLE, str(cut))
+    monkeypatch.setattr(plugin, "is_loaded", lambda: False)
+    for kept in (0.2, 0.5, 0.95):
+        cut.write_bytes(whole.read_bytes()[: int(kept * whole.stat().st_size)])
+        with pytest.raises(MjframesError, match=rf"{cut} is cut off, .*; delete it and install mjframes again"):
+            plugin.load()
+
+
 def test_a_program_needs_only_mujoco_and_the_library() -> None:
     done = run_python(f"import mujoco\nmujoco.mj_loadPluginLibrary({str(plugin.library_path())!r}){IS_REGISTERED}")
     assert done.returncode == 0, done.stderr

@@ -133,3 +133,15 @@ def test_labels_that_are_not_named_have_the_default(scan: Path, tmp_path: Path) 
     assert main([*command, "--materials", str(tmp_path / "m.yaml")]) == 0
     assert mf.SoftBody.load(tmp_path / "a.npz").materials[1].young == LIBRARY["fat"].young
     assert main([*command, "--material", "default=fat", "--material", "default=fat"]) == 2
+
+
+def test_materials_go_on_top_of_those_that_a_volume_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = {1: mf.Material(1e4, 0.4, 1000, "flesh"), 2: mf.Material(1e6, 0.3, 1200, "gristle")}
+    mf.Volume.from_labels(np.repeat([1, 2], 4).reshape(2, 2, 2), 0.01, own).save(tmp_path / "v.npz")
+    command = ["build", str(tmp_path / "v.npz"), "--frames", "1", "-o", str(tmp_path / "a.npz")]
+    assert main([*command, "--material", "2=fat"]) == 0
+    materials = mf.SoftBody.load(tmp_path / "a.npz").materials
+    assert (materials[1], materials[2].young) == (own[1], LIBRARY["fat"].young)
+    capsys.readouterr()
+    assert main([*command, "--material", "default=fat"]) == 2  # it would take the place of what the file says
+    assert "the file has one for each; name the labels that you mean, as 1=NAME:…" in capsys.readouterr().err
