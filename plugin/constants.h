@@ -200,6 +200,7 @@ inline constexpr int kCapsulePoints = 17;  // at most, along the axis
 
 // Tendons (tendon.h)
 
+inline constexpr double kMostGrowth = 0.5;  // [-] by which walls that widen change a chamber's pull
 inline constexpr double kLeastGas =
     1e-2;  // [-] of its volume at rest: gas that is pressed into less keeps its pressure
 

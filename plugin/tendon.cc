@@ -25,6 +25,7 @@ constexpr const char* kAttributes[] = {
     "offset",        // left out where it is zero                              (n × 3)
     "pair",          // control points, left out for none                          (t × 2)
     "pair_slope",    // c_ij                                                       (t)
+    "pair_growth",   // of a volume: b_ij, left out where all are 0                (t)
     "triangle",      // of a volume: three points each, counter-clockwise seen from outside the chamber  (t × 3)
     "scale",         // of a volume: s, left out where it is 1
     "rest_volume",   // with it: V̄ [m³]
@@ -41,6 +42,7 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
   auto model = std::make_unique<TendonModel>();
   const auto pair = reader->Has("pair") ? reader->Array<int32_t>("pair") : std::vector<int32_t>();
   const auto slope = reader->ArrayOr<double>("pair_slope", 0, pair.size() / 2);
+  const auto growth = reader->ArrayOr<double>("pair_growth", 0, slope.size());
   model->points.Read(static_cast<int>(rest.size()), pair, reader);
   if (!reader->ok()) return nullptr;
   const std::vector<int32_t>& order = model->points.point;
@@ -49,7 +51,7 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
   };
   for (size_t t = 0; t < slope.size(); t++) {
     const int32_t i = pair[2 * t], j = pair[2 * t + 1];
-    model->pairs.push_back({place(i), place(j), slope[t], Norm(rest[i] - rest[j])});
+    model->pairs.push_back({place(i), place(j), slope[t], growth[t], Norm(rest[i] - rest[j])});
   }
   const int points = model->points.size;
   const std::string quantity = reader->Text("quantity");
@@ -62,8 +64,9 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
                   "its triangles are not of its points");
     if (reader->Has("scale")) {
       model->scale = reader->Number("scale");
-      model->constant = (1 - model->scale) * reader->Number("rest_volume");
+      model->rest_volume = reader->Number("rest_volume");
     }
+    model->grows = reader->Has("pair_growth");
   } else if (reader->Check(quantity == "length", "quantity has to be 'volume' or 'length'")) {
     model->stop = reader->Array<int32_t>("stop");
     reader->Check(model->stop.size() > 1 && std::all_of(model->stop.begin(), model->stop.end(), known),
@@ -221,8 +224,9 @@ void Tendon::Measure(const mjModel* m, mjData* d) {
   std::fill(wrench_.begin(), wrench_.end(), Wrench{});
   d->ten_length[tendon_] = Evaluate(m, d, origin);
 
-  const Vec3 torque = points_.Gather(axes, &force_);
+  Vec3 torque = points_.Gather(axes, &force_);
   d->ten_length[tendon_] += AddPairs();
+  if (model_->grows) d->ten_length[tendon_] += AddGrowth(d->ten_length[tendon_], &torque);
   if (holder_ >= 0) wrench_[holder_].torque = wrench_[holder_].torque + torque;
   for (size_t i = 0; i < point.size(); i++) AddForce(m, d, point_link_[i], x_[i] + origin, force_[i]);
   for (size_t n = links_.size(); n-- > 0;) {
@@ -286,22 +290,41 @@ double Tendon::Volume() {
     }
     for (int lane = 0; lane < kLanes; lane++) three += sum[lane];
   });
-  return three / 3 + model_->constant;
+  return three / 3 + (1 - model_->scale) * model_->rest_volume;
 }
 
 // Of the correction; its forces go to the control points.
 double Tendon::AddPairs() {
   double sum = 0;
-  for (const auto& [i, j, slope, rest] : model_->pairs) {
+  for (const auto& [i, j, slope, growth, rest] : model_->pairs) {
     const Vec3 way = x_[i] - x_[j];
     const double length = Norm(way);
     sum += slope * (length - rest);
-    if (!(length > mjMINVAL)) continue;
-    const Vec3 force = (slope / length) * way;
-    force_[i] = force_[i] + force;
-    force_[j] = force_[j] - force;
+    AddAlong(i, j, way, length, slope);
   }
   return sum;
+}
+
+void Tendon::AddAlong(int i, int j, const Vec3& way, double length, double slope) {
+  if (!(length > mjMINVAL)) return;
+  const Vec3 force = (slope / length) * way;
+  force_[i] = force_[i] + force;
+  force_[j] = force_[j] - force;
+}
+
+// (ℓ₀ − ℓ̄) B / √(1 + B²/most²) with its forces, B = Σ_ij b_ij (|x_i − x_j| − |x̄_i − x̄_j|): far from rest, where B says
+// nothing, it is bounded.
+double Tendon::AddGrowth(double length, Vec3* torque) {
+  double B = 0;
+  for (const auto& [i, j, slope, growth, rest] : model_->pairs) B += growth * (Norm(x_[i] - x_[j]) - rest);
+  const double bound = 1 / std::sqrt(1 + B * B / (kMostGrowth * kMostGrowth)), grown = length - model_->rest_volume;
+  for (Vec3& force : force_) force = (1 + bound * B) * force;
+  *torque = (1 + bound * B) * *torque;
+  for (const auto& [i, j, slope, growth, rest] : model_->pairs) {
+    const Vec3 way = x_[i] - x_[j];
+    AddAlong(i, j, way, Norm(way), grown * bound * bound * bound * growth);
+  }
+  return grown * bound * B;
 }
 
 double Tendon::Length(const mjModel* m, const mjData* d, const Vec3& origin) {

@@ -1,9 +1,10 @@
 // mjframes.tendon: a volume or a length in the material as the length of a MuJoCo tendon, with its Jacobian.
 //
-//   V = s Σ_abc p_a · (p_b × p_c) / 6 + v  a closed surface of triangles: of a chamber [m³]; v = (1 − s) V̄
+//   V = s Σ_abc p_a · (p_b × p_c) / 6 + (1 − s) V̄     a closed surface of triangles: of a chamber [m³]
 //   L = Σ_k s_k |p_k+1 − p_k|              a path through material points and sites, s = 1: of a fibre [m];
 //                                          or pairs of points: of a muscle [m³] (muscles.py)
-//   … + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|)     so that at rest it pulls as finite elements say (tendon_slopes.py)
+//   … + Σ_ij c_ij (|x_i − x_j| − |x̄_i − x̄_j|)     so that at rest it pulls as finite elements say (tendon_slopes.py);
+//                                          of a chamber it grows with a like sum of b_ij (chamber_growth.py)
 //
 // Points are p = Σ_j W_j x_j. With G_j = ∂/∂x_j the Jacobian is Jᵀ G: forces G at the
 // control points, summed over the tree to wrenches and taken along MuJoCo's `cdof`. A force on V is so a pressure [Pa],
@@ -38,13 +39,16 @@ struct TendonModel {
   static std::unique_ptr<const TendonModel> Read(const std::vector<Vec3>& rest, Reader* reader);
 
   PointWeights points;
-  std::vector<int32_t> triangle;   // of a chamber: three points each, counter-clockwise seen from outside the chamber
-  double scale = 1, constant = 0;  // s and v [m³] of a chamber
+  std::vector<int32_t> triangle;  // of a chamber: three points each, counter-clockwise seen from outside the chamber
+  double scale = 1, rest_volume = 0;  // s and V̄ [m³] of a chamber
   struct Pair {
-    int32_t i, j;        // places in points.point
-    double slope, rest;  // c [of the tendon's unit by m], distance at rest [m]
+    int32_t i, j;   // places in points.point
+    double slope;   // c [of the tendon's unit by m]
+    double growth;  // b [1/m]
+    double rest;    // distance at rest [m]
   };
   std::vector<Pair> pairs;
+  bool grows = false;         // whether a b is not 0
   std::vector<int32_t> stop;  // of a fibre: points, −1 for the next of the tendon's sites
   std::vector<double> share;  // s_k of a muscle; none where all are 1
 };
@@ -95,6 +99,8 @@ class Tendon {
   bool FindStops(const mjModel* m);
   void ReadGas(const std::vector<Vec3>& rest, Reader* reader);
   double AddPairs();
+  double AddGrowth(double length, Vec3* torque);
+  void AddAlong(int i, int j, const Vec3& way, double length, double slope);
   bool FindLinks(const mjModel* m, Reader* soft);
   int LinkOf(const mjModel* m, int body) const;
   void CountPaths(const mjModel* m);

@@ -69,17 +69,21 @@ class Elements:
             total[np.ix_(rows, rows)] += matrix
         return total
 
-    def pull(self, voxel: NDArray[np.integer], at: Array, forces: Array) -> Array:
-        """Return K x (k, 3) of forces (n, 3) on points `at` (n, 3) of voxels (n,), in volume coordinates."""
-        body, solver = self.body, self.solver
-        load = np.zeros((len(solver.mesh.position), 3))
+    def load(self, voxel: NDArray[np.integer], at: Array, forces: Array) -> Array:
+        """Return forces (n, 3) on points `at` (n, 3) of voxels (n,), in volume coordinates, as loads on the nodes."""
+        load = np.zeros((len(self.solver.mesh.position), 3))
         place = np.clip((at - self.grid.points(voxel)) @ self.grid.axes / self.grid.spacing + 0.5, 0, 1)
         along = forces @ self.grid.axes
         for a, corner in enumerate(CORNERS):
             share = np.where(corner, place, 1 - place).prod(axis=1)
-            node = solver.node[voxel, a]
+            node = self.solver.node[voxel, a]
             free = node >= 0
             np.add.at(load, node[free], share[free, None] * along[free])
+        return load
+
+    def motion(self, load: Array) -> tuple[Array, Array]:
+        """Return how loads (N, 3) move the nodes (N, 3), both along the index axes, and the frames x (k, 3)."""
+        body = self.body
         moved = self._solution(load)
         functionals, gram = self.functionals
         moving = np.flatnonzero(body.control.frame >= body.held)
@@ -89,13 +93,23 @@ class Elements:
         full = np.kron(gram[np.ix_(moving, moving)], np.eye(3)) @ basis
         x = np.zeros((len(rest), 3))
         x[moving] = (basis @ np.linalg.lstsq(full, target, rcond=SMALLEST)[0]).reshape(-1, 3)
-        return (self.stiffness @ (x @ self.grid.axes.T).ravel()).reshape(-1, 3)
+        return moved, x @ self.grid.axes.T
+
+    def pull(self, x: Array) -> Array:
+        """Return K x (k, 3) of a motion x (k, 3) of the frames."""
+        return (self.stiffness @ x.ravel()).reshape(-1, 3)
+
+    def pull_of(self, voxel: NDArray[np.integer], at: Array, forces: Array) -> Array:
+        """Return K x (k, 3) of forces (n, 3) on points `at` (n, 3) of voxels (n,), in volume coordinates."""
+        return self.pull(self.motion(self.load(voxel, at, forces))[1])
 
     def _solution(self, load: Array) -> Array:
         """A⁻¹ f (N, 3)."""
         levels = self.solver.levels
         batch = LoadBatch(levels)
         batch.residual.reshape(len(load), 3, -1)[:, :, 0] = load
+        if not self.solver.held:
+            self.solver.remove_rigid(batch.residual)
         conjugate.solve(levels, batch, TOLERANCE)
         if not self.solver.held:
             self.solver.remove_rigid(batch.solution)
@@ -133,3 +147,14 @@ def correction(body: SoftBody, rest: Array, wanted: Array, has: Array) -> tuple[
     moves = degrees(np.flatnonzero(body.control.frame >= body.held))
     found = lsqr(matrix[moves], (wanted - has).ravel()[moves], atol=CLOSE, btol=CLOSE)[0]
     return pairs, np.asarray(found, np.float64)
+
+
+def pair_slopes(pairs: NDArray[np.int64], slope: Array, x: Array) -> Array:
+    """Return Σ_j c_ij e_ij (k, 3) of pairs (t, 2) with c_ij (t,) where the control points are at x (k, 3)."""
+    i, j = pairs.T
+    way = x[i] - x[j]
+    force = (slope / np.linalg.norm(way, axis=1))[:, None] * way
+    total = np.zeros_like(x)
+    np.add.at(total, i, force)
+    np.add.at(total, j, -force)
+    return total

@@ -25,14 +25,15 @@ from mjframes.base.rows import distinct_rows
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links, plugin
 from mjframes.scene.carriers import Carrier, carrier_of, printable
+from mjframes.scene.chamber_growth import difference, growth, walls_around
 from mjframes.scene.material_points import OUTSIDE
 from mjframes.scene.muscles import Muscle, fibres, segments
 from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
 from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode, weight_attributes
 from mjframes.scene.skins import add_skin
-from mjframes.scene.tendon_slopes import Elements, correction, likeness
+from mjframes.scene.tendon_slopes import Elements, correction, likeness, pair_slopes
 from mjframes.surface.isosurface import kept_surface
-from mjframes.volume.grid import Grid, voxel_grid
+from mjframes.volume.grid import voxel_grid
 from mjframes.volume.material import Material, is_number
 from mjframes.volume.volume import Volume
 from mjframes.weights.interpolation import closest_voxels
@@ -277,28 +278,33 @@ def _chamber(
             "ambient": repr(float(chamber.ambient)),
             "exponent": repr(float(chamber.exponent)),
         }
-    a, b, c = (weights @ rest + offset)[faces].transpose(1, 0, 2)
-    normal = np.zeros_like(offset)
-    for corner in faces.T:
-        np.add.at(normal, corner, np.cross(b - a, c - a) / 6)
-    wanted, has = elements.pull(*_pushed(elements.grid, cavity)), weights.T @ normal
-    scale, rest_volume = likeness(elements, wanted, has), float((a * np.cross(b, c)).sum() / 6)
+    at = weights @ rest + offset
+    walls = walls_around(elements.grid, elements.solver, cavity)
+    moved, x = elements.motion(walls.load())
+    wanted, has = elements.pull(x), weights.T @ _volume_slopes(at, faces)
+    scale, rest_volume = likeness(elements, wanted, has), float((at * _volume_slopes(at, faces)).sum() / 3)
     config |= {"scale": repr(scale), "rest_volume": repr(rest_volume)}
-    config |= _corrected(body, rest, wanted, scale * has)
+    pairs, slope = correction(body, rest, wanted, scale * has)
+    config |= {"pair": encode(pairs), "pair_slope": encode(slope)}
+
+    def slopes(at: np.ndarray) -> np.ndarray:
+        own = scale * weights.T @ _volume_slopes(weights @ at + offset, faces)
+        return own + pair_slopes(pairs, slope, at)
+
+    step = difference(x, rest) * x
+    curvature = (slopes(rest + step) - slopes(rest - step)) / 2 / difference(x, rest)
+    if (grown := growth(elements, walls, moved, x, curvature)) is not None:
+        config["pair_growth"] = encode(correction(body, rest, grown, np.zeros_like(grown))[1])
     return Measured(config, weights, offset, rest_volume)
 
 
-def _pushed(grid: Grid, cavity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The voxels (n,) around a cavity, the middles (n, 3) [m] of their faces there, and the areas (n, 3) [m²]."""
-    voxels, middles, areas = [], [], []
-    for axis, way in itertools.product(range(3), (-1, 1)):
-        step = way * grid.axes[:, axis]
-        beside = np.roll(np.pad(cavity, 1), way, axis)[1:-1, 1:-1, 1:-1]
-        some = grid.lookup[beside & (grid.lookup >= 0)]
-        voxels.append(some)
-        middles.append(grid.points(some) - 0.5 * grid.spacing[axis] * step)
-        areas.append(np.tile(step * grid.cell_volume / grid.spacing[axis], (len(some), 1)))
-    return np.concatenate(voxels), np.concatenate(middles), np.concatenate(areas)
+def _volume_slopes(at: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """∂V/∂p (n, 3) [m²] of points at p (n, 3), the corners of triangles (f, 3) around V."""
+    a, b, c = at[faces].transpose(1, 0, 2)
+    total = np.zeros_like(at)
+    for corner in faces.T:
+        np.add.at(total, corner, np.cross(b - a, c - a) / 6)
+    return total
 
 
 def _corrected(body: SoftBody, rest: np.ndarray, wanted: np.ndarray, has: np.ndarray) -> dict[str, str]:
@@ -373,7 +379,7 @@ def _fibre(spec: mujoco.MjSpec, elements: Elements, name: str, own: str, rest: n
                     number < len(along)
                 )
         nearest = closest_voxels(elements.grid, at)
-        config |= _corrected(elements.body, rest, elements.pull(nearest, at, pull), weights.T @ pull)
+        config |= _corrected(elements.body, rest, elements.pull_of(nearest, at, pull), weights.T @ pull)
     return Measured(config, weights, offset, float(length.sum()), tuple(sites), len(stops))
 
 
@@ -391,6 +397,6 @@ def _muscle(elements: Elements, own: str, rest: np.ndarray, muscle: Muscle) -> M
     width = grid.spacing.min()
     ends = [grid.points(voxels) + sign / 2 * width * along for sign in (-1, 1)]
     force = grid.cell_volume / width * along
-    wanted = elements.pull(np.tile(voxels, 2), np.concatenate(ends), np.concatenate([-force, force]))
+    wanted = elements.pull_of(np.tile(voxels, 2), np.concatenate(ends), np.concatenate([-force, force]))
     config |= _corrected(body, rest, wanted, taken.weights.T @ np.concatenate([-pull, pull], axis=1).reshape(-1, 3))
     return Measured(config, taken.weights, taken.offset, float(taken.volume.sum()))

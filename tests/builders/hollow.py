@@ -82,12 +82,12 @@ def check_virtual_work(spec: mujoco.MjSpec, names: list[str], length: float = 0.
             assert abs(error) < 1e-8 * np.linalg.norm(along) * np.linalg.norm(way), (name, error)
 
 
-def corrected(spec: mujoco.MjSpec, name: str, x: np.ndarray, rest: np.ndarray) -> float:
-    """Σ c (|x_i − x_j| − |x̄_i − x̄_j|)."""
+def corrected(spec: mujoco.MjSpec, name: str, x: np.ndarray, rest: np.ndarray, slope: str = "pair_slope") -> float:
+    """Σ c (|x_i − x_j| − |x̄_i − x̄_j|), or Σ b with slope="pair_growth"."""
     config = next(dict(other.config) for other in spec.plugins if other.name == name)
     i, j = decode(config["pair"]).reshape(-1, 2).T
     change = np.linalg.norm(x[i] - x[j], axis=1) - np.linalg.norm(rest[i] - rest[j], axis=1)
-    return float(decode(config["pair_slope"]) @ change)
+    return float(decode(config[slope]) @ change)
 
 
 def check_momentum(spec: mujoco.MjSpec, forces: dict[str, float]) -> None:
