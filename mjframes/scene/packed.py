@@ -23,6 +23,7 @@ from mjframes.scene.load import mujoco_warnings, sentence
 
 SCENE = "scene.xml"  # name of the scene among its files
 NUMBERS = "numbers.npz"  # of the model, those that its XML does not give
+UNUSED = "numeric_data"  # whose numbers MuJoCo does not look at: they may be infinite, and MuJoCo 4 writes these as 0
 FOLDERS = ("meshdir", "texturedir", "assetdir")  # of a compiler: where files are looked for
 SHOWN = 40  # letters of a name that is none
 # In place of these MuJoCo saves what they make
@@ -172,7 +173,8 @@ def _set_numbers(model: mujoco.MjModel, content: bytes) -> None:
         for path, value in file.items():
             if path not in known or value.shape != known[path].shape or value.dtype.kind != "f":
                 raise ValueError(f"{path[:SHOWN]!r} is no number of its model")
-            if not (np.isfinite(value) | ~np.isfinite(known[path])).all():  # a scene's own limits may be infinite
+            own = np.full(value.shape, path == UNUSED) | ~np.isfinite(known[path])  # as a scene's own limits
+            if not (np.isfinite(value) | own).all():
                 raise ValueError(f"{path} is not finite")
             part, _, name = path.rpartition(".")
             if value.ndim:

@@ -1,4 +1,4 @@
-"""How a chamber's pull grows: the volume in its walls, elements of second order, and frames that come where these go."""
+"""How a chamber's pull grows: the volume in its walls, elements of second order, frames that come where these go."""
 
 from __future__ import annotations
 
