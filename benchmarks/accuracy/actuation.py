@@ -31,7 +31,7 @@ from mjframes.cli.commands import exit_code
 from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
 from mjframes.scene.muscles import Muscle
-from mjframes.scene.tendons import Fibre
+from mjframes.scene.tendons import Chamber, Fibre
 from mjframes.scene.view import soft
 from mjframes.volume.grid import voxel_grid
 from mjframes.volume.material import Material
@@ -81,14 +81,51 @@ class Case:
 
 def finger_case() -> Case:
     """Return the finger of examples/finger.py."""
-    volume = finger.volume()
-    half = volume.labels.shape[1] // 2
+    return _chamber_case("finger", finger.volume(), (100.0, 5000.0, 10000.0))
+
+
+def sheet_case() -> Case:
+    """Return a finger of that size whose lowest layer is a firm sheet, with a chamber above it."""
+    labels = finger.volume().labels.copy()
+    labels[labels == 0] = 1
+    labels[3:-2, 2:-2, 3:-2] = 0
+    labels[:, :, 0] = 2
+    return _chamber_case("finger on a sheet", _firm(labels, finger.EDGE, 2e5, 0.4), (100.0, 5000.0, 10000.0))
+
+
+def bellows_case() -> Case:
+    """Return bellows on a firm sheet: a chamber that is wider and higher every other two layers."""
+    labels = np.ones((41, 10, 10), np.uint8)
+    labels[3:-2, 3:-3, 3:-2] = 0
+    for start in range(3, 39, 4):
+        labels[start : start + 2, 2:-2, 3:-1] = 0
+    labels[:, :, 0] = 2
+    return _chamber_case("bellows on a sheet", _firm(labels, 2.5e-3, 1e5, 0.45), (100.0, 1500.0, 3000.0))
+
+
+def tube_case() -> Case:
+    """Return a tube that becomes longer."""
+    labels = np.ones((33, 8, 8), np.uint8)
+    labels[3:-2, 2:-2, 2:-2] = 0
+    volume = Volume.from_labels(labels, 2.5e-3, {1: Material(1e5, 0.45, 1000)})
+    return _chamber_case("tube", volume, (100.0, 2000.0, 4000.0), axis=0)
+
+
+def _firm(labels: NDArray[np.uint8], edge: float, young: float, poisson: float) -> Volume:
+    """A volume of rubber (1) and a sheet (2) that is 50 times as stiff."""
+    materials = {1: Material(young, poisson, 1000), 2: Material(50 * young, 0.4, 1000)}
+    return Volume.from_labels(labels, edge, materials)
+
+
+def _chamber_case(name: str, volume: Volume, forces: tuple[float, ...], axis: int = 2) -> Case:
+    """A volume whose one cavity is a chamber."""
+    cavity = volume.labels == 0
+    half = cavity.shape[1] // 2
 
     def length(mesh: Bricks) -> Length:
-        inside = volume.labels[:, half:] == 0
-        return walls(mesh, np.kron(inside, np.ones((mesh.split,) * 3, bool)))
+        return walls(mesh, np.kron(cavity[:, half:], np.ones((mesh.split,) * 3, bool)))
 
-    return Case("finger", volume, finger.CHAMBER, length, (100.0, 5000.0, 10000.0), "Pa")
+    return Case(name, volume, Chamber(cavity), length, forces, "Pa", axis)
 
 
 def cantilever_case(across: int = 6) -> Case:
@@ -127,7 +164,8 @@ def muscle_case(name: str, across: int = 4, upper: bool = True) -> Case:
 
 def cases() -> list[Case]:
     """Return what is measured."""
-    return [finger_case(), cantilever_case(), muscle_case("muscle, upper half"), muscle_case("muscle", upper=False)]
+    chambers = [finger_case(), sheet_case(), bellows_case(), tube_case()]
+    return [*chambers, cantilever_case(), muscle_case("muscle, upper half"), muscle_case("muscle", upper=False)]
 
 
 def reference(case: Case, law: Law, forces: Sequence[float], split: int = 1) -> Array:
