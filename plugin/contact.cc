@@ -220,7 +220,9 @@ void WriteForeignContact(const mjModel* m, mjData* d, const mjContact& contact, 
 }  // namespace
 
 ContactScratch::ContactScratch(const mjModel* m)
-    : omega(kMaxCarried * m->nbody), moments{std::vector<Moments>(m->nv), std::vector<Moments>(m->nv)} {}
+    : omega(kMaxCarried * m->nbody),
+      moments{std::vector<Moments>(m->nv), std::vector<Moments>(m->nv)},
+      last(m->nplugin) {}
 
 void InstallCollisionHook() {
   for (int type = 0; type < mjNGEOMTYPES; type++) {
@@ -284,7 +286,7 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
     if (dents) dents[c] = TouchDents(side, *touch);
     if (lies) lies[c] = touch->lies;
   }
-  if (dents) Squeeze(m, d, dents);
+  if (dents) Squeeze(m, d, dents, &scratch->last);
 }
 
 }  // namespace mjframes

@@ -26,6 +26,7 @@ struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
   std::vector<double> omega;                    // ω of each control point
   std::array<std::vector<Moments>, 2> moments;  // by side: of the movers         (≤ nv)
+  std::vector<int> last;                        // contact of each plugin instance
 };
 
 // Which of its touches each contact of an mjData is, from the first contact on.

@@ -26,7 +26,8 @@ extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjM
     const bool touches = d->contact[c].efc_address >= 0 && search.Find(c) && search.touch();
     if (touches) all[c] = TouchDents(search.side(), *search.touch());
   }
-  Squeeze(m, d, all.data());
+  std::vector<int> last(m->nplugin);
+  Squeeze(m, d, all.data(), &last);
   int dented = 0;
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];

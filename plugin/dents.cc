@@ -16,6 +16,7 @@ namespace {
 // A contact that is pressed.
 struct Pressed {
   int contact, row, rows;  // those that push along the normal, from this one on
+  int group;               // the first of those that it meets in C
   int body[2];             // instance of the soft body on each side that makes a dent, −1 where there is none
   double k;                // of MuJoCo's own spring, as it takes it from solref [1/s²]
   double spring;           // k imp / R of it [N/m]
@@ -81,22 +82,20 @@ double Compliance(const mjData* d, const ContactDents* dents, const Pressed& p, 
 // Which way is out of side s of a contact.
 Vec3 Outward(const mjContact& contact, int s) { return (s == 0 ? 1 : -1) * ToVec3(contact.frame); }
 
-// How deep contacts press the flesh that is opposite of side s of a contact [m].
-double DepthOpposite(const mjModel* m, const mjData* d, const ContactDents* dents, int number, int s) {
+// How deep contacts press the flesh that is opposite of side s of a contact [m]. last: which side of a contact was its
+// soft body's last one.
+double DepthOpposite(const mjData* d, const ContactDents* dents, int number, int s, int last) {
   const Vec3 out = Outward(d->contact[number], s);
-  const int body = SoftInstanceOf(m, d->contact[number].geom[s]);
   const double square = dents[number].side[s].width * dents[number].side[s].width;
   double depth = 0;
-  for (int c = 0; c < d->ncon; c++) {
-    for (int o = 0; o < 2; o++) {
-      if (!(dents[c].side[o].width > 0)) continue;  // whose softness may be squeezed to 0 already
-      const double opposed = -Dot(out, Outward(d->contact[c], o));
-      if (!(opposed > 0)) continue;
-      const Vec3 offset = dents[c].centre - dents[number].centre;
-      const double along = Dot(offset, out), apart = Dot(offset, offset) - along * along;
-      if (!(apart < square) || SoftInstanceOf(m, d->contact[c].geom[o]) != body) continue;
-      depth = std::max(depth, -opposed * (1 - apart / square) * d->contact[c].dist);
-    }
+  for (int some = last; some >= 0; some = dents[some / 2].before[some % 2]) {
+    const int c = some / 2;
+    const double opposed = -Dot(out, Outward(d->contact[c], some % 2));
+    if (!(opposed > 0)) continue;
+    const Vec3 offset = dents[c].centre - dents[number].centre;
+    const double along = Dot(offset, out), apart = Dot(offset, offset) - along * along;
+    if (!(apart < square)) continue;
+    depth = std::max(depth, -opposed * (1 - apart / square) * d->contact[c].dist);
   }
   return depth;
 }
@@ -118,7 +117,7 @@ bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int num
   if (row < 0 || !(dents.side[0].softness > 0 || dents.side[1].softness > 0)) return false;
   const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), spring = k * d->efc_KBIP[4 * row + 2] * rows / d->efc_R[row];
-  *pressed = {number, row, rows, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
+  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);
@@ -170,6 +169,50 @@ void SetSpring(mjData* d, const Pressed& pressed, double f, double left) {
   for (int r = 0; r < pressed.rows; r++) d->efc_KBIP[4 * (pressed.row + r)] = pull / pressed.gap;
 }
 
+// Sorts contacts that are pressed into groups that share soft bodies, each in the order of its contacts; returns the
+// size of the largest. last: memory, of each plugin instance.
+int Group(Pressed* pressed, int n, int* last, int instances) {
+  const auto root = [pressed](int i) {
+    while (pressed[i].group != i) i = pressed[i].group;
+    return i;
+  };
+  std::fill_n(last, instances, -1);
+  for (int i = 0; i < n; i++) {
+    pressed[i].group = i;
+    for (const int body : pressed[i].body) {
+      if (body < 0) continue;
+      if (last[body] >= 0) {
+        const int one = root(last[body]), other = root(i);
+        pressed[std::max(one, other)].group = std::min(one, other);
+      }
+      last[body] = i;
+    }
+  }
+  for (int i = 0; i < n; i++) pressed[i].group = root(i);  // that of an earlier one is its root already
+  std::sort(pressed, pressed + n, [](const Pressed& a, const Pressed& b) {
+    return a.group != b.group ? a.group < b.group : a.contact < b.contact;
+  });
+  int most = 0;
+  for (int begin = 0, end = 0; begin < n; begin = end) {
+    while (end < n && pressed[end].group == pressed[begin].group) end++;
+    most = std::max(most, end - begin);
+  }
+  return most;
+}
+
+// The springs of one group. memory: (n² + 4n).
+void SetGroup(mjData* d, const ContactDents* dents, const Pressed* pressed, int n, double* memory) {
+  double *C = memory, *f = C + static_cast<size_t>(n) * n, *left = f + n, *work = left + n;
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j <= i; j++) C[i * n + j] = C[j * n + i] = Compliance(d, dents, pressed[i], pressed[j]);
+    C[i * n + i] += 1 / pressed[i].spring;
+  }
+  Solve(pressed, C, n, f);
+  for (int i = 0; i < n; i++) left[i] = std::max(0.0, mju_dot(C + i * n, f, n) - pressed[i].gap);
+  if (n <= kMostSoftened) Soften(d, pressed, C, n, work);
+  for (int i = 0; i < n; i++) SetSpring(d, pressed[i], f[i], left[i]);
+}
+
 }  // namespace
 
 double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance) {
@@ -178,12 +221,23 @@ double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance
   return flesh.softness * flesh.softness * Kernel(distance, s, square);
 }
 
-void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents) {
+void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last) {
+  std::fill(last->begin(), last->end(), -1);
+  for (int c = 0; c < d->ncon; c++) {
+    for (int s = 0; s < 2; s++) {
+      dents[c].before[s] = -1;
+      if (!(dents[c].side[s].width > 0)) continue;
+      int& of_body = (*last)[SoftInstanceOf(m, d->contact[c].geom[s])];
+      dents[c].before[s] = of_body;
+      of_body = 2 * c + s;
+    }
+  }
   for (int c = 0; c < d->ncon; c++) {
     for (int s = 0; s < 2; s++) {
       Dent& dent = dents[c].side[s];
       if (!(dent.softness > 0) || !(d->contact[c].dist < 0)) continue;
-      const double depth = DepthOpposite(m, d, dents, c, s) - d->contact[c].dist;
+      const int of_body = (*last)[SoftInstanceOf(m, d->contact[c].geom[s])];
+      const double depth = DepthOpposite(d, dents, c, s, of_body) - d->contact[c].dist;
       const double left = std::max(0.0, 1 - depth / dent.thickness);
       dent.softness *= left * std::sqrt(3 / (1 + left + left * left));
     }
@@ -191,24 +245,20 @@ void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents) {
 }
 
 bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents) {
-  if (!HasRoom(d, d->ncon * sizeof(Pressed) / sizeof(mjtNum) + 1)) return false;
+  if (!HasRoom(d, d->ncon * sizeof(Pressed) / sizeof(mjtNum) + m->nplugin + 1)) return false;
   if (m->opt.cone == mjCONE_PYRAMIDAL) mj_mulJacVec(m, d, d->efc_vel, d->qvel);  // MuJoCo does so after this stage
   MarkStack(d);
   auto* pressed = static_cast<Pressed*>(mj_stackAllocByte(d, d->ncon * sizeof(Pressed), alignof(Pressed)));
   int n = 0;
   for (int c = 0; c < d->ncon; c++) n += Press(m, d, dents[c], c, pressed + n);
-  const bool has_room = HasRoom(d, static_cast<size_t>(n + 4) * n);
+  const int most = Group(pressed, n, mj_stackAllocInt(d, m->nplugin), m->nplugin);
+  const bool has_room = HasRoom(d, static_cast<size_t>(most + 4) * most);
   if (has_room && n > 0) {
-    double *C = mj_stackAllocNum(d, static_cast<size_t>(n) * n), *f = mj_stackAllocNum(d, n);
-    double *left = mj_stackAllocNum(d, n), *work = mj_stackAllocNum(d, 2 * static_cast<size_t>(n));
-    for (int i = 0; i < n; i++) {
-      for (int j = 0; j <= i; j++) C[i * n + j] = C[j * n + i] = Compliance(d, dents, pressed[i], pressed[j]);
-      C[i * n + i] += 1 / pressed[i].spring;
+    double* memory = mj_stackAllocNum(d, static_cast<size_t>(most + 4) * most);
+    for (int begin = 0, end = 0; begin < n; begin = end) {
+      while (end < n && pressed[end].group == pressed[begin].group) end++;
+      SetGroup(d, dents, pressed + begin, end - begin, memory);
     }
-    Solve(pressed, C, n, f);
-    for (int i = 0; i < n; i++) left[i] = std::max(0.0, mju_dot(C + i * n, f, n) - pressed[i].gap);
-    if (n <= kMostSoftened) Soften(d, pressed, C, n, work);
-    for (int i = 0; i < n; i++) SetSpring(d, pressed[i], f[i], left[i]);
   }
   FreeStack(d);
   return has_room;

@@ -22,12 +22,15 @@
 // A row gets the spring that answers its penetration with f_i. The energy of the dents,
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
+// Contacts that share no soft body, directly or through others, do not meet in C: each such group is solved alone.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
 
 #ifndef MJFRAMES_PLUGIN_DENTS_H_
 #define MJFRAMES_PLUGIN_DENTS_H_
 
 #include <mujoco/mujoco.h>
+
+#include <vector>
 
 #include "linear.h"
 
@@ -45,10 +48,11 @@ struct ContactDents {
   Vec3 centre;      // of its pressure [m]
   double variance;  // of that along the surface [m²]
   Dent side[2];     // of each geom
+  int before[2];    // of each geom: which side of a contact, 2c + s, its soft body had before this one; −1 for none
 };
 
-// Makes the flesh of all contacts firmer where these press it deep.
-void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents);
+// Makes the flesh of all contacts firmer where these press it deep, and fills in `before`. last: memory (nplugin).
+void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last);
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.
 // False, and nothing is set, where mjData's memory is too small.

@@ -379,7 +379,7 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
 void Kinematics::PointMoments(const double* omega, const Vec3& position, std::vector<Moments>* moments) const {
   Vec3 lever = position;
   for (size_t j = 0; j < points_.size(); j++) lever = lever - omega[j] * x_[j];
-  std::fill(moments->begin(), moments->end(), Moments{});
+  std::fill_n(moments->begin(), movers_.size(), Moments{});
   for (size_t j = 0; j < points_.size(); j++) {
     if (points_[j].mover < 0 || omega[j] == 0) continue;
     Moments& own = (*moments)[points_[j].mover];
