@@ -67,6 +67,7 @@ std::unique_ptr<const TendonModel> TendonModel::Read(const std::vector<Vec3>& re
       model->rest_volume = reader->Number("rest_volume");
     }
     model->grows = reader->Has("pair_growth");
+    reader->Check(!model->grows || reader->Has("scale"), "pair_growth needs scale and rest_volume");
   } else if (reader->Check(quantity == "length", "quantity has to be 'volume' or 'length'")) {
     model->stop = reader->Array<int32_t>("stop");
     reader->Check(model->stop.size() > 1 && std::all_of(model->stop.begin(), model->stop.end(), known),

@@ -48,7 +48,7 @@ struct TendonModel {
     double rest;    // distance at rest [m]
   };
   std::vector<Pair> pairs;
-  bool grows = false;         // whether a b is not 0
+  bool grows = false;         // whether there are b
   std::vector<int32_t> stop;  // of a fibre: points, −1 for the next of the tendon's sites
   std::vector<double> share;  // s_k of a muscle; none where all are 1
 };

@@ -184,7 +184,7 @@ class BuildOptions:
         if not (isinstance(self.seed, (int, np.integer)) and self.seed >= 0):
             raise MjframesError(f"seed is {self.seed!r}; it must be a whole number from 0 on.")
         types = self.frame_type
-        if not isinstance(types, (str, Sequence)) or not len(types):
+        if not isinstance(types, (str, Sequence, np.ndarray)) or not len(types):
             raise MjframesError(f"frame_type is {types!r}; give one type, or a sequence with one for each frame.")
         require_choices(self)
         supports_of(self.supports)

@@ -293,8 +293,8 @@ def _with_own(file: str, materials: Materials) -> Materials:
     labels, own = _labels_of(file, image.labels), dict(image.materials or {})
     if materials.default is not None and own and set(labels) <= {*own, *materials.by_label}:
         raise MjframesError(
-            f"{file}: --material default=… is for labels without a material, but the file has one for each; name the "
-            f"labels that you mean, as {min(labels)}=NAME:…."
+            f"{file}: --material default=… is for labels without a material, and there are none: the file has its own; "
+            f"name the labels that you mean, as {min(labels)}=NAME:…."
         )
     merged = replace(materials, by_label=own | materials.by_label)
     return _with_default(merged, labels, label_names(Path(file)))

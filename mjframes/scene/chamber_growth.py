@@ -10,14 +10,16 @@ s = K x₂ + ½ E_f'''(x₁, x₁) with their own energy E_f. So that ℓ₀, wh
     ℓ(x) = ℓ₀(x) + (ℓ₀(x) − ℓ̄) Σ_ij b_ij (|x_i − x_j| − |x̄_i − x̄_j|),
     Σ_j b_ij e_ij = (r − ½ (r · x₁) K x₁ / v)_i / v,   r = s − ℓ₀'' x₁,   v = x₁ · K x₁
 
-Both energies are corotational: with the symmetric and the skew part e and w of ∇u, the stress of second order is
-μ (e w + w e − w²) + λ (tr e w − ½ tr w² 1). It is taken at the centres of the bricks, where their modes of bending have
-no slopes. Index letters: i, j control point; f face of a wall; a its corner.
+Far from rest the plugin bounds the sum B, to B / √(1 + 4 B²). Both energies are corotational, also of hyperelastic
+bodies, whose frames so come near that place only. With the symmetric and the skew part e and w of ∇u, the stress of
+second order is μ (e w + w e − w²) + λ (tr e w − ½ tr w² 1). It is taken at the centres of the bricks, where their modes
+of bending have no slopes. Index letters: i, j control point; f face of a wall; a its corner.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,24 +80,24 @@ def walls_around(grid: Grid, solver: BodySolver, cavity: NDArray[np.bool_]) -> W
     return Walls(np.concatenate(node), np.concatenate(at), len(solver.mesh.position))
 
 
-def growth(elements: Elements, walls: Walls, moved: Array, x: Array, curvature: Array) -> Array | None:
-    """Return Σ_j b_ij e_ij (k, 3), or None where pressure moves no frame, or one that cannot strain.
+def growth(
+    elements: Elements, walls: Walls, moved: Array, x: Array, rest: Array, slopes: Callable[[Array], Array]
+) -> Array | None:
+    """Return Σ_j b_ij e_ij (k, 3), or None where pressure moves no frame, or where any frame is rigid or a point.
 
-    moved, x: u₁ (N, 3), along the index axes, and x₁ (k, 3).  curvature: ℓ₀'' x₁ (k, 3).
+    moved, x: u₁ (N, 3), along the index axes, and x₁ (k, 3).  rest: of the control points (k, 3) [m].
+    slopes: gives ∂ℓ₀/∂x (k, 3) for control points at x (k, 3).
     """
     body = elements.body
     pull = elements.pull(x)
     work = float((x * pull).sum())
     if not work > 0 or set(body.types[body.held :]) & {"rigid", "point"}:
         return None
+    step = STRAIN * float(np.ptp(rest, axis=0).max()) / float(np.abs(x).max())
+    curvature = (slopes(rest + step * x) - slopes(rest - step * x)) / (2 * step)
     second = elements.motion(walls.change(moved) - _second_force(elements, moved))[1]
-    rest = (elements.pull(second) + _second_pull(elements, x) - curvature) / work
-    return rest - 0.5 * float((rest * x).sum()) / work * pull
-
-
-def difference(x: Array, rest: Array) -> float:
-    """Return by how much [-] a motion x (k, 3) is to be multiplied for differences about `rest` (k, 3)."""
-    return STRAIN * float(np.ptp(rest, axis=0).max()) / float(np.abs(x).max())
+    left = (elements.pull(second) + _second_pull(elements, x, step) - curvature) / work
+    return left - 0.5 * float((left * x).sum()) / work * pull
 
 
 def _face_forces(x: Array) -> Array:
@@ -123,10 +125,9 @@ def _second_force(elements: Elements, moved: Array) -> Array:
     return total
 
 
-def _second_pull(elements: Elements, x: Array) -> Array:
-    """½ E_f'''(x, x) (k, 3) of frames that move by x (k, 3)."""
+def _second_pull(elements: Elements, x: Array, step: float) -> Array:
+    """½ E_f'''(x, x) (k, 3) of frames that move by x (k, 3), by differences of `step` times that."""
     stiffness, rest = elements.body.stiffness, elements.body.control.rest
-    step = difference(x, rest)
     total = np.zeros_like(x)
     for points, gradient, matrix in zip(stiffness.points, stiffness.gradient, stiffness.matrix, strict=True):
         region = CorotationalRegion(points, rest[points], gradient, matrix)

@@ -39,6 +39,7 @@ TOLERANCE = 1e-3  # [-] of the solution, in the energy norm
 SMALLEST = 1e-10  # [-] of moments, to the largest: smaller ones are dependent
 STILL = 1e-10  # [-] stiffness, to the largest, of motions that cost nothing
 CLOSE = 1e-12  # [-] of c: where to stop
+APART = 1e-5  # [-] of the longest pair: the points of a quadratic frame are at one place, up to what is printed
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +139,8 @@ def correction(body: SoftBody, rest: Array, wanted: Array, has: Array) -> tuple[
     i, j = pairs.T
     way = rest[i] - rest[j]
     length = np.linalg.norm(way, axis=1)
-    pairs, i, j, way = pairs[length > 0], i[length > 0], j[length > 0], way[length > 0]
+    apart = length > APART * length.max(initial=0)
+    pairs, i, j, way = pairs[apart], i[apart], j[apart], way[apart]
     along = way / np.linalg.norm(way, axis=1)[:, None]
     columns = np.tile(np.arange(len(pairs)), 6)
     rows = np.concatenate([3 * some + axis for some in (i, j) for axis in range(3)])

@@ -1,12 +1,13 @@
 """Chambers and fibres of a soft body as MuJoCo's tendons, whose length and Jacobian the plugin supplies.
 
-    V = Σ p_a · (p_b × p_c) / 6     of a chamber [m³], its change scaled: a motor's force on it is a pressure [Pa]
+    V = Σ p_a · (p_b × p_c) / 6     of a chamber [m³]: a motor's force on it is a pressure [Pa]
     L = Σ_k |p_k+1 − p_k|           length of a fibre [m]: a tension [N]
 
-with p = Σ_j W_j x_j (the paper, equation (3)). MuJoCo's own path of such a tendon is a placeholder: a segment as long
-as V or L at rest, and behind a pulley that divides by 1e12 tiny balls on all bodies that move it, so that the Jacobian
-has a column for each of their joints. A geom that always collides with a ball at the same place has the plugin called
-(plugin/tendon.h).
+with p = Σ_j W_j x_j (the paper, equation (3)). Both are corrected so that their slopes pull as finite elements say:
+tendon_slopes.py, and chamber_growth.py for chambers. MuJoCo's own path of such a tendon is a placeholder: a segment as
+long as V or L at rest, and behind a pulley that divides by 1e12 tiny balls on all bodies that move it, so that the
+Jacobian has a column for each of their joints. A geom that always collides with a ball at the same place has the plugin
+called (plugin/tendon.h).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from mjframes.base.rows import distinct_rows
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links, plugin
 from mjframes.scene.carriers import Carrier, carrier_of, printable
-from mjframes.scene.chamber_growth import difference, growth, walls_around
+from mjframes.scene.chamber_growth import growth, walls_around
 from mjframes.scene.material_points import OUTSIDE
 from mjframes.scene.muscles import Muscle, fibres, segments
 from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
@@ -291,9 +292,7 @@ def _chamber(
         own = scale * weights.T @ _volume_slopes(weights @ at + offset, faces)
         return own + pair_slopes(pairs, slope, at)
 
-    step = difference(x, rest) * x
-    curvature = (slopes(rest + step) - slopes(rest - step)) / 2 / difference(x, rest)
-    if (grown := growth(elements, walls, moved, x, curvature)) is not None:
+    if (grown := growth(elements, walls, moved, x, rest, slopes)) is not None:
         config["pair_growth"] = encode(correction(body, rest, grown, np.zeros_like(grown))[1])
     return Measured(config, weights, offset, rest_volume)
 

@@ -199,3 +199,25 @@ def test_two_sides_that_are_pressed_do_not_meet(force: float) -> None:
     stress = 3 * force / (young * (2 * half) ** 2)
     column = next(root.real for root in np.roots([1, stress, 0, -1]) if root.real > 0)
     assert 0.55 * column < left < 1.2 * column
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_piles_that_do_not_touch_step_as_each_does_alone(cone: str) -> None:
+    """Their contacts are in turns in MuJoCo's list."""
+    low, high = block((8, 6, 4), 0.01, 1000), block((6, 6, 4), 0.01, 1000, young=3e4)
+    ways = []
+    for places in ((0.0,), (0.5,), (0.0, 0.5)):
+        spec = mujoco.MjSpec.from_string(
+            f'<mujoco><option cone="{cone}"/><worldbody><geom type="plane" size="1 1 .1"/></worldbody></mujoco>'
+        )
+        for body, height in ((low, 0.0002), (high, 0.0404)):
+            for x in places:
+                attach(spec, body, f"{height:g}-{x:g}", pos=(x, 0.1 * x, height))
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, nstep=150)
+        assert data.ncon >= 8 * len(places)
+        ways.append({name: soft(model, data, name).control_positions for name in soft_names(model)})
+    one, other, both = ways
+    for name, positions in both.items():
+        np.testing.assert_allclose(positions, (one | other)[name], rtol=0, atol=1e-9)

@@ -73,11 +73,10 @@ def test_forces_of_second_order_are_those_of_the_corotational_energy(elements: E
     assert np.abs(found - even).max() < 1e-5 * np.abs(even).max()
 
 
-@pytest.mark.parametrize("frames", [5, 10])
-def test_frames_come_where_elements_of_second_order_go(elements: Elements, walls: growth.Walls, frames: int) -> None:
+@pytest.mark.parametrize(("frames", "types"), [(5, "affine"), (10, "affine"), (3, "quadratic")])
+def test_frames_come_where_elements_of_second_order_go(walls: growth.Walls, frames: int, types: str) -> None:
     """Of the ways under p and −p half the sum is p² x₂; without growth it is another one."""
-    if frames != 10:
-        elements = Elements(hollow_body(frames))
+    elements = Elements(hollow_body(frames, types=types))
     moved, first = elements.motion(walls.load())
     second = elements.motion(walls.change(moved) - growth._second_force(elements, moved))[1]
     pressure = 0.1 * elements.grid.spacing.max() / np.abs(first).max()
@@ -98,3 +97,23 @@ def test_frames_come_where_elements_of_second_order_go(elements: Elements, walls
     one, two = (ways[0] - ways[1]) / 2, (ways[0] + ways[1]) / 2
     assert np.abs(one - pressure * first).max() < 0.01 * np.abs(one).max()
     assert np.abs(two - pressure**2 * second).max() < 0.01 * np.abs(two).max()
+
+
+def test_chambers_whose_pressure_moves_no_frame_can_be_attached() -> None:
+    """One is within what is held, a lidded one touches no material."""
+    labels = np.ones((16, 6, 6), np.uint8)
+    labels[1:4, 2:4, 2:4] = 0
+    labels[14:, 4:, 4:] = 0
+    alone = np.zeros(labels.shape, bool)
+    alone[15, 5, 5] = True
+    held = np.zeros(labels.shape, bool)
+    held[:6] = True
+    volume = mf.Volume.from_labels(labels, 0.01, {1: mf.Material(2e5, 0.4, 1000)})
+    body = mf.build(volume, 2, supports=mf.Fixed(held & (labels > 0)))
+    for chamber in (mf.Chamber((0.025, 0.03, 0.03)), mf.Chamber(alone, lid=True)):
+        spec = actuated(body, {"air": chamber})
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        data.ctrl[0] = 100
+        mujoco.mj_step(model, data, nstep=20)
+        assert np.abs(data.qvel).max() < 1e-6

@@ -144,4 +144,4 @@ def test_materials_go_on_top_of_those_that_a_volume_has(tmp_path: Path, capsys: 
     assert (materials[1], materials[2].young) == (own[1], LIBRARY["fat"].young)
     capsys.readouterr()
     assert main([*command, "--material", "default=fat"]) == 2  # it would take the place of what the file says
-    assert "the file has one for each; name the labels that you mean, as 1=NAME:…" in capsys.readouterr().err
+    assert "there are none: the file has its own; name the labels that you mean, as 1=NAME:…" in capsys.readouterr().err
