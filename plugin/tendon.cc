@@ -116,7 +116,8 @@ Tendon::Tendon(int tendon, int soft, std::shared_ptr<const TendonModel> model)
       model_(std::move(model)),
       points_(model_->points),
       x_(model_->points.point.size()),
-      force_(x_.size()) {
+      force_(x_.size()),
+      growth_(model_->grows ? x_.size() : 0) {
   if (model_->triangle.empty()) return;
   corner_.resize(kLanes * static_cast<size_t>(model_->points.padded));
   normal_.resize(corner_.size());
@@ -226,8 +227,7 @@ void Tendon::Measure(const mjModel* m, mjData* d) {
   d->ten_length[tendon_] = Evaluate(m, d, origin);
 
   Vec3 torque = points_.Gather(axes, &force_);
-  d->ten_length[tendon_] += AddPairs();
-  if (model_->grows) d->ten_length[tendon_] += AddGrowth(d->ten_length[tendon_], &torque);
+  d->ten_length[tendon_] = AddPairs(d->ten_length[tendon_], &torque);
   if (holder_ >= 0) wrench_[holder_].torque = wrench_[holder_].torque + torque;
   for (size_t i = 0; i < point.size(); i++) AddForce(m, d, point_link_[i], x_[i] + origin, force_[i]);
   for (size_t n = links_.size(); n-- > 0;) {
@@ -294,38 +294,33 @@ double Tendon::Volume() {
   return three / 3 + (1 - model_->scale) * model_->rest_volume;
 }
 
-// Of the correction; its forces go to the control points.
-double Tendon::AddPairs() {
-  double sum = 0;
-  for (const auto& [i, j, slope, growth, rest] : model_->pairs) {
-    const Vec3 way = x_[i] - x_[j];
-    const double length = Norm(way);
-    sum += slope * (length - rest);
-    AddAlong(i, j, way, length, slope);
-  }
-  return sum;
-}
-
-void Tendon::AddAlong(int i, int j, const Vec3& way, double length, double slope) {
-  if (!(length > mjMINVAL)) return;
-  const Vec3 force = (slope / length) * way;
-  force_[i] = force_[i] + force;
-  force_[j] = force_[j] - force;
-}
-
-// (ℓ₀ − ℓ̄) B / √(1 + B²/most²) with its forces, B = Σ_ij b_ij (|x_i − x_j| − |x̄_i − x̄_j|): far from rest, where B says
+// What the pairs make of a length ℓ; their forces go to the control points. With B = Σ_ij b_ij (|x_i − x_j| − |x̄_i −
+// x̄_j|) and ℓ₀ corrected by c, a chamber's becomes ℓ₀ + (ℓ₀ − ℓ̄) B / √(1 + B²/most²): far from rest, where B says
 // nothing, it is bounded.
-double Tendon::AddGrowth(double length, Vec3* torque) {
+double Tendon::AddPairs(double length, Vec3* torque) {
   double B = 0;
-  for (const auto& [i, j, slope, growth, rest] : model_->pairs) B += growth * (Norm(x_[i] - x_[j]) - rest);
-  const double bound = 1 / std::sqrt(1 + B * B / (kMostGrowth * kMostGrowth)), grown = length - model_->rest_volume;
-  for (Vec3& force : force_) force = (1 + bound * B) * force;
-  *torque = (1 + bound * B) * *torque;
+  std::fill(growth_.begin(), growth_.end(), Vec3{});
   for (const auto& [i, j, slope, growth, rest] : model_->pairs) {
     const Vec3 way = x_[i] - x_[j];
-    AddAlong(i, j, way, Norm(way), grown * bound * bound * bound * growth);
+    const double apart = Norm(way);
+    length += slope * (apart - rest);
+    B += growth * (apart - rest);
+    if (!(apart > mjMINVAL)) continue;
+    const Vec3 force = (slope / apart) * way;
+    force_[i] = force_[i] + force;
+    force_[j] = force_[j] - force;
+    if (growth_.empty()) continue;
+    const Vec3 grown = (growth / apart) * way;
+    growth_[i] = growth_[i] + grown;
+    growth_[j] = growth_[j] - grown;
   }
-  return grown * bound * B;
+  if (growth_.empty()) return length;
+  const double bound = 1 / std::sqrt(1 + B * B / (kMostGrowth * kMostGrowth)), change = length - model_->rest_volume;
+  for (size_t i = 0; i < force_.size(); i++) {
+    force_[i] = (1 + bound * B) * force_[i] + (change * bound * bound * bound) * growth_[i];
+  }
+  *torque = (1 + bound * B) * *torque;
+  return length + change * bound * B;
 }
 
 double Tendon::Length(const mjModel* m, const mjData* d, const Vec3& origin) {

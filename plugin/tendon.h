@@ -98,9 +98,7 @@ class Tendon {
 
   bool FindStops(const mjModel* m);
   void ReadGas(const std::vector<Vec3>& rest, Reader* reader);
-  double AddPairs();
-  double AddGrowth(double length, Vec3* torque);
-  void AddAlong(int i, int j, const Vec3& way, double length, double slope);
+  double AddPairs(double length, Vec3* torque);
   bool FindLinks(const mjModel* m, Reader* soft);
   int LinkOf(const mjModel* m, int body) const;
   void CountPaths(const mjModel* m);
@@ -130,6 +128,7 @@ class Tendon {
   double gas_ = 0, ambient_ = 0, exponent_ = 1, rest_volume_ = 0;  // p₀, of the surroundings [Pa]; γ; V₀ [m³]
 
   std::vector<Vec3> x_, force_;          // of these control points, from the first on, and G
+  std::vector<Vec3> growth_;             // ∂B/∂x of them; none without b
   std::vector<Wrench> wrench_;           // of the links
   std::vector<double> corner_, normal_;  // of a chamber's points, four numbers each
 };

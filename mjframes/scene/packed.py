@@ -173,8 +173,8 @@ def _set_numbers(model: mujoco.MjModel, content: bytes) -> None:
         for path, value in file.items():
             if path not in known or value.shape != known[path].shape or value.dtype.kind != "f":
                 raise ValueError(f"{path[:SHOWN]!r} is no number of its model")
-            own = np.full(value.shape, path == UNUSED) | ~np.isfinite(known[path])  # as a scene's own limits
-            if not (np.isfinite(value) | own).all():
+            # a scene's own limits may be infinite
+            if path != UNUSED and not (np.isfinite(value) | ~np.isfinite(known[path])).all():
                 raise ValueError(f"{path} is not finite")
             part, _, name = path.rpartition(".")
             if value.ndim:

@@ -282,8 +282,9 @@ def _chamber(
     at = weights @ rest + offset
     walls = walls_around(elements.grid, elements.solver, cavity)
     moved, x = elements.motion(walls.load())
-    wanted, has = elements.pull(x), weights.T @ _volume_slopes(at, faces)
-    scale, rest_volume = likeness(elements, wanted, has), float((at * _volume_slopes(at, faces)).sum() / 3)
+    areas = _volume_slopes(at, faces)
+    wanted, has = elements.pull(x), weights.T @ areas
+    scale, rest_volume = likeness(elements, wanted, has), float((at * areas).sum() / 3)
     config |= {"scale": repr(scale), "rest_volume": repr(rest_volume)}
     pairs, slope = correction(body, rest, wanted, scale * has)
     config |= {"pair": encode(pairs), "pair_slope": encode(slope)}
