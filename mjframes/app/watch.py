@@ -14,8 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjframes.app.overlaps import Overlaps
 from mjframes.app.recording import STILL, Instant
-from mjframes.scene.instability import GROWN, spread, warn, warn_inside
+from mjframes.scene.instability import GROWN, warn, warn_inside, warn_shared
 from mjframes.scene.view import Soft
 
 GAIN = 0.1  # [-] of the energy that moved: what a body may have more than it got
@@ -23,7 +24,6 @@ ANGLE = 0.1  # [rad] of the turn that A is found from
 ROUNDING = 2.0**-52  # [-] of the energy of a body twice as large: terms like that are summed, at rest to 0 and an error
 TURNING = 2.0  # [-] of A φ⁴ that a step's turn may have stretched (benchmarks/stability/energy/motions.py)
 FOLDED = 0.5  # [s] that a region may be folded over
-INSIDE = 0.5  # [-] of a body's size at rest, by which another may be in it: a cube's quarter
 
 
 class Watch:
@@ -37,11 +37,17 @@ class Watch:
         self._overlaps = Overlaps(model, bodies)
         self._data = data
         self._told: set[tuple[str, str]] = set()
+        self._started = False
 
     def look(self, instant: Instant) -> None:
         """Warn (InstabilityWarning) of what is wrong at the start of the step that was made last."""
         for body in self._bodies:
             body.look(instant)
+        if not self._started:
+            self._started = True
+            for pair, share in self._overlaps.shared(self._data).items():
+                self._told.add(pair)
+                warn_shared(*pair, share)
         for pair, depth in self._overlaps.find(self._data).items():
             if pair not in self._told:
                 self._told.add(pair)
@@ -51,28 +57,6 @@ class Watch:
         """Count the work of the step that was made last; call it after `look`."""
         for body in self._bodies:
             body.count_work()
-
-
-class Overlaps:
-    """Finds soft bodies of a model that are inside each other."""
-
-    def __init__(self, model: mujoco.MjModel, bodies: Mapping[str, Soft]) -> None:
-        self._names = list(bodies)
-        self._owner = np.full(model.ngeom, -1)  # number of the body that a geom belongs to
-        for number, body in enumerate(bodies.values()):
-            self._owner[body.patches] = number
-        self._least = INSIDE * np.array([spread(body.mass, body.rest) for body in bodies.values()])
-
-    def find(self, data: mujoco.MjData) -> dict[tuple[str, str], float]:
-        """Return how deep [m] those are in each other that are, by the contacts that `data` has."""
-        found: dict[tuple[str, str], float] = {}
-        deep = np.flatnonzero(data.contact.dist < -self._least.min(initial=np.inf))
-        for geoms, depth in zip(data.contact.geom[deep], -data.contact.dist[deep], strict=True):
-            first, second = sorted(self._owner[geoms].tolist())
-            if 0 <= first < second and (geoms >= 0).all() and depth > min(self._least[[first, second]]):
-                pair = self._names[first], self._names[second]
-                found[pair] = max(found.get(pair, 0.0), float(depth))
-        return found
 
 
 class _Watched:

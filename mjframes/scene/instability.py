@@ -34,6 +34,16 @@ def warn_inside(first: str, second: str, depth: float, when: str) -> None:
     )
 
 
+def warn_shared(first: str, second: str, share: float) -> None:
+    """Warn that two soft bodies start in the same place, for a share [-] of the smaller one's volume."""
+    warnings.warn(
+        f"the soft bodies {first!r} and {second!r} start inside each other: {share:.0%} of the smaller one is in both. "
+        "Contacts cannot push them apart from there; start them farther apart.",
+        InstabilityWarning,
+        stacklevel=2,
+    )
+
+
 def spread(mass: Array, x: Array) -> float:
     """Return the root mean square distance of masses (k,) at x (k, 3) from their centre."""
     share = mass / mass.sum()

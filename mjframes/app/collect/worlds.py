@@ -19,7 +19,8 @@ from mujoco.batch import Batch, SimulationError
 from mjframes.app.collect.options import RANDOM, CollectOptions
 from mjframes.app.collect.push import LENGTH, pushes
 from mjframes.app.collect.variation import movables, set_materials, starts, stream, variations
-from mjframes.app.watch import FOLDED, Overlaps
+from mjframes.app.overlaps import Overlaps
+from mjframes.app.watch import FOLDED
 from mjframes.base.errors import MjframesError
 from mjframes.scene import view
 from mjframes.scene.instability import GROWN, warn, warn_inside
