@@ -62,13 +62,18 @@ def plot_of(log: Logged, path: str | os.PathLike[str]) -> None:
 def state_at(log: Logged, time: float) -> dict[str, Any]:
     """Return the logged state nearest to `time` [s]: its time, qpos, qvel and act, as they were, bit by bit.
 
-    Raise MjframesError for a time beyond the log.
+    Raise MjframesError for a time beyond the log, and for a state that is not finite.
     """
     states = log.states()
     first, last, timestep = states[0]["time"], log.end(), float(log.about["timestep"])
     if not first - timestep <= time <= last + timestep:
         raise MjframesError(f"state is asked for at {time:g} s, but {log.path} goes from {first:g} to {last:g} s.")
     nearest = min(states, key=lambda state: abs(state["time"] - time))
+    for key in ("qpos", "qvel", "act"):
+        if not np.isfinite(np.array(nearest[key], float)).all():
+            raise MjframesError(
+                f"{log.path}: its state at {nearest['time']:g} s has {key} that are not finite; ask for an earlier one."
+            )
     return {key: nearest[key] for key in ("time", "qpos", "qvel", "act")}
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import io
 import json
 import lzma
+import math
 import operator
 import os
 import re
@@ -643,6 +644,20 @@ def test_each_field_of_a_log_is_refused_in_one_sentence(tmp_path: Path, topic: s
         path = edited_log(tmp_path / "a.mcap", message=lambda _, v=value: v, topic=topic)
         with pytest.raises(MjframesError, match=r"a\.mcap: the log is damaged"):
             read_log(path)
+
+
+def test_states_of_other_lengths_or_not_finite_are_refused(tmp_path: Path) -> None:
+    for key in ("qpos", "qvel"):
+        short = edited_log(tmp_path / "a.mcap", message=lambda one, k=key: {**one, k: one[k][:-1]}, topic="/state")
+        with pytest.raises(MjframesError, match=rf"a\.mcap: its state at .* s has \d+ {key}, the first one \d+;"):
+            read_log(short).states()
+        nan = edited_log(
+            tmp_path / "a.mcap", message=lambda one, k=key: {**one, k: [math.nan, *one[k][1:]]}, topic="/state"
+        )
+        log = read_log(nan)
+        with pytest.raises(MjframesError, match=rf"a\.mcap: its state at .* s has {key} that are not finite;"):
+            state_at(log, log.states()[1]["time"])
+        assert state_at(log, log.states()[0]["time"])["qpos"]
 
 
 @pytest.mark.parametrize("fact", ["timestep", "steps"])

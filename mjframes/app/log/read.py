@@ -43,11 +43,19 @@ class Logged:
     worlds: tuple[int, ...] = ()
 
     def states(self) -> list[dict[str, Any]]:
-        """Return the messages of /state.  Raise MjframesError where there are none."""
+        """Return the messages of /state.  Raise MjframesError where there are none, and where they differ in length."""
         self._of_one()
         found = self.messages.get("/state", [])
         if not found:
             raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
+        for state in found:
+            for key in ("qpos", "qvel", "act"):
+                count, first = len(state[key]), len(found[0][key])
+                if count != first:
+                    raise MjframesError(
+                        f"{self.path}: its state at {state['time']:g} s has {count} {key}, the first one {first}; "
+                        "it is damaged."
+                    )
         return found
 
     def recording(self) -> Recording:
