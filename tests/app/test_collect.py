@@ -156,6 +156,7 @@ def test_more_worlds_and_fewer_variations_draw_the_same(scene: Path, whole: Path
     assert [row["lump.yaw"] for row in table(tmp_path / "runs")] == [row["lump.yaw"] for row in table(whole)[:2]]
 
 
+@pytest.mark.slow
 def test_a_collection_that_is_killed_goes_on_to_the_same_bytes(scene: Path, whole: Path, tmp_path: Path) -> None:
     """Killed ten times at random, and once with nothing left to do."""
     moments, out = random.Random(0), tmp_path / "runs"

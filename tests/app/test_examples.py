@@ -63,6 +63,7 @@ def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
     assert min(stretch) > 0.05  # no region is inside out
 
 
+@pytest.mark.slow
 def test_a_fingertip_feels_a_pen_roll_and_slide(tmp_path: Path) -> None:
     felt = taxels.run(tmp_path)
     shown, plot = film(tmp_path / "taxels.mp4"), picture(tmp_path / "taxels.png")
@@ -79,6 +80,7 @@ def test_a_fingertip_feels_a_pen_roll_and_slide(tmp_path: Path) -> None:
     assert felt.grip[last - 50 : last] == pytest.approx(taxels.FRICTION, rel=0.15)
 
 
+@pytest.mark.slow
 def test_an_arm_with_three_cables_reaches_its_targets(tmp_path: Path) -> None:
     found = arm.run(tmp_path)
     shown, plot = film(tmp_path / "arm.mp4"), picture(tmp_path / "arm.png")
@@ -103,6 +105,7 @@ def test_kernels_of_figure_6(tmp_path: Path) -> None:
 
 
 @pytest.mark.dm_control
+@pytest.mark.slow
 def test_a_coarser_rat_starts_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("dm_control")
     from examples import rat
@@ -145,7 +148,8 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
 
 
 @pytest.mark.dm_control
-@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2])
 def test_a_jaco_arm_lifts_the_steak(seed: int) -> None:
     from examples import lift
 
@@ -156,6 +160,7 @@ def test_a_jaco_arm_lifts_the_steak(seed: int) -> None:
     assert found.rewards[-1] == 1
 
 
+@pytest.mark.slow
 def test_moduli_of_a_post_are_identified_from_its_own_pokes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if not hasattr(mujoco.sysid, "optimize"):
         pytest.skip("mujoco.sysid needs its extra")

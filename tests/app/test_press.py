@@ -127,6 +127,7 @@ def test_stiff_contacts_are_told_with_what_is_so(tmp_path: Path, monkeypatch: py
         assert note.startswith(f"the contact is stiffer than Hertz says: {words}")
 
 
+@pytest.mark.slow
 def test_an_indenter_that_goes_through_the_body_is_told_of(tmp_path: Path) -> None:
     found = pressed(tmp_path, "ball", 0.01, 0.2)
     assert found.held == found.force[-1] == 0

@@ -17,6 +17,7 @@ import trimesh
 from mjframes.base import cache
 from mjframes.base.cache import cached, digest, stage_directory
 from mjframes.body.build import build
+from mjframes.scene.plugin import library_path
 from mjframes.volume import voxelize
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MeshWarning
@@ -189,6 +190,7 @@ def test_an_edit_of_the_package_meets_no_old_entries(monkeypatch: pytest.MonkeyP
 
 
 STAGES = ("mjframes.surface.isosurface", "mjframes.volume.volume")
+LIBRARY = str(library_path())  # else it is compiled into each empty cache
 LOADED = "import sys, {}; print(*[name for name in sys.modules if name.startswith('mjframes.')])"
 
 
@@ -196,7 +198,9 @@ LOADED = "import sys, {}; print(*[name for name in sys.modules if name.startswit
 def test_a_stage_depends_on_what_it_imports(module: str) -> None:
     def loaded(*names: str) -> set[str]:
         command = [sys.executable, "-c", LOADED.format(", ".join(names))]
-        return set(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+        environment = {**os.environ, "MJFRAMES_PLUGIN_LIBRARY": LIBRARY}
+        done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+        return set(done.stdout.split())
 
     found = cache.sources_of(module).keys()
     assert module in found

@@ -93,6 +93,7 @@ def test_forces_on_points_of_turning_frames_have_their_torque(known, cantilever)
     assert distance(one.moved, known.moved) < 0.25
 
 
+@pytest.mark.slow
 def test_the_paper_style_variant_averages_the_stiffness_of_its_regions():
     case = bar("core", "core", "pull", across=4, core=100.0, frames=(1,))
     known = refined(case)

@@ -33,6 +33,7 @@ def test_a_punch_meets_the_force_of_other_finite_elements() -> None:
     assert exact_forces(some)[0] == pytest.approx(stiffness * some.depth, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_ball_meets_hertzs_force(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a block much larger than where it touches; what is below makes it firmer."""
     monkeypatch.setattr(pressed, "DEPTH", 0.02)

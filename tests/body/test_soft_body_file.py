@@ -167,6 +167,7 @@ def altered(array: np.ndarray) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.filterwarnings("ignore:invalid value encountered")
+@pytest.mark.slow
 def test_each_array_is_refused_in_one_sentence_or_does_no_harm(saved: Path) -> None:
     """Damaged in any way: a body that is loaded can be attached, and steps."""
     with np.load(saved) as file:

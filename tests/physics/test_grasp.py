@@ -34,7 +34,7 @@ def test_what_is_lifted_slips_by_less_than_a_millimetre(
     assert not any(pedestal in contact.geom for contact in grasp.data.contact)
 
 
-@pytest.mark.parametrize("dents", [False, True])
+@pytest.mark.parametrize("dents", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_without_friction_nothing_is_lifted(dents: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fingers dent the block deeper than their ends are away, which must not hold it by these."""
     monkeypatch.setattr("mjframes.attach", partial(mf.attach, contact=mf.Contact(dents=dents)))
@@ -44,6 +44,7 @@ def test_without_friction_nothing_is_lifted(dents: bool, monkeypatch: pytest.Mon
     assert grasp.height < PEDESTAL + BLOCK
 
 
+@pytest.mark.slow
 def test_the_lift_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("examples.grasp.END", 1.1)
     slips = run(tmp_path)

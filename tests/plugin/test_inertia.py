@@ -102,6 +102,7 @@ def test_with_sleep_enabled_the_factors_are_those_of_mujoco() -> None:
     np.testing.assert_allclose(expected[1], data.qLD, rtol=1e-9, atol=1e-12 * np.abs(data.qLD).max())
 
 
+@pytest.mark.slow
 def test_it_is_positive_definite_in_far_states_of_bodies_that_hang_on_a_hinge() -> None:
     """Of the consistent masses MuJoCo's own matrix for the hinge does not know."""
     xml = """<mujoco><worldbody><body name="arm" pos="-.2 0 .2"><joint name="arm" axis="0 1 0" damping=".01"/>

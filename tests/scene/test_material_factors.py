@@ -122,7 +122,7 @@ def on_floor(body: SoftBody) -> mujoco.MjModel:
         ("corotational", 2.0, 0.065),
         pytest.param("corotational", 4.0, 0.19, marks=pytest.mark.slow),
         pytest.param("neo_hookean", 0.5, 0.04, marks=pytest.mark.slow),
-        ("neo_hookean", 2.0, 0.05),
+        pytest.param("neo_hookean", 2.0, 0.05, marks=pytest.mark.slow),
     ],
 )
 def test_a_factor_of_one_material_is_close_to_a_body_built_so(law: str, factor: float, bound: float) -> None:
