@@ -133,6 +133,7 @@ def test_the_defaults_follow_a_sandwich_and_the_papers_method_does_not(layers: V
     assert not layers.refused
 
 
+@pytest.mark.slow
 def test_a_row_has_all_that_was_measured(layers: Verdict) -> None:
     for row in layers.rows:
         assert row.dofs == 12 * row.frames
@@ -149,6 +150,7 @@ def judged(frames: int, error: float, method: str = WHOLE_BODY) -> Judged:
     )
 
 
+@pytest.mark.slow
 def test_the_page_tells_what_does_not_hold(layers: Verdict) -> None:
     rows = [judged(3, 0.05), judged(5, 0.12), judged(3, 0.9, PAPER), judged(5, 0.8, PAPER)]
     bad = Verdict(layers.body, layers.exact, rows, [(PAPER, 20, "too many")])
@@ -161,6 +163,7 @@ def test_the_page_tells_what_does_not_hold(layers: Verdict) -> None:
     assert "- left out: sandwich 1:100, paper, 20 frames: too many" in page
 
 
+@pytest.mark.slow
 def test_what_does_not_build_is_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch, layers: Verdict) -> None:
     monkeypatch.setattr(survey, "FRAMES", (10**6,))
     found = judge(layers.body, layers.exact, False, lambda stage: None)

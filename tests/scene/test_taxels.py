@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 from builders.punch import on_squares, pressed_slab
-from builders.tiers import thinned
 from numpy.typing import NDArray
 
 import mjframes as mf
@@ -114,9 +113,10 @@ def exact() -> dict[str, tuple[float, float, NDArray[np.float64]]]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("frames", "dents", "shape"), thinned(itertools.product((5, 1, 10), (True, False), ("box", "ball")), 5)
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("frames", [1, 5, 10])
+@pytest.mark.parametrize("dents", [True, False])
+@pytest.mark.parametrize("shape", ["box", "ball"])
 def test_pressures_are_those_of_finite_elements(
     frames: int, dents: bool, shape: str, exact: dict[str, tuple[float, float, NDArray[np.float64]]]
 ) -> None:
