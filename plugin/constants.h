@@ -216,10 +216,12 @@ inline constexpr double kFitWidth = 2;
 // [-] of the flesh's stiffness against tilting, by which what turns freely is held to its moment: it misses a
 // thirtieth.
 inline constexpr double kTurn = 30;
-inline constexpr double kFacing = 0.2;    // [-] cosine: what faces farther away than 78° does not touch the same thing
-inline constexpr double kFlatFit = 1e-6;  // [-] of squared lengths: places on a line have no plane
-inline constexpr int kPressSteps = 60;    // 10 to 25 are usual
-inline constexpr double kPressed = 1e-4;  // [-] of the load: what moves in the last step
+inline constexpr double kFacing = 0.2;     // [-] cosine: what faces farther away than 78° does not touch the same thing
+inline constexpr double kFlatFit = 1e-6;   // [-] of squared lengths: places on a line have no plane
+inline constexpr int kPressSteps = 60;     // 10 to 25 are usual
+inline constexpr double kPressed = 1e-4;   // [-] of the load: what moves in the last step
+inline constexpr double kContent = 1e-12;  // [-] of where the surface is, by which it is off from the shape: rounding
+inline constexpr double kKeptLoad = 0.1;   // [-] of the load, of which a step may cut off no more
 
 }  // namespace mjframes
 

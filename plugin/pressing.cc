@@ -21,11 +21,10 @@ double MeanWhere(const double* f, const double* a, int n) {
   return sum / std::max(count, 1);
 }
 
-// f with the sum `load`, which it has but for what was cut off.
-void Rescale(double load, double* f, int n) {
+double Sum(const double* f, int n) {
   double sum = 0;
   for (int t = 0; t < n; t++) sum += f[t];
-  for (int t = 0; t < n; t++) f[t] *= load / sum;
+  return sum;
 }
 
 }  // namespace
@@ -40,8 +39,9 @@ double Press(const double* C, const double* gap, int n, double load, double* f, 
     mju_mulMatVec(residual, C, f, n, n);
     mju_addTo(residual, gap, n);
     approach = MeanWhere(f, residual, n);
-    double square = 0;
+    double square = 0, rounding = 0;
     for (int t = 0; t < n; t++) {
+      if (f[t] > 0) rounding += kContent * kContent * residual[t] * residual[t];
       residual[t] -= approach;
       if (f[t] > 0) square += residual[t] * residual[t];
     }
@@ -54,19 +54,30 @@ double Press(const double* C, const double* gap, int n, double load, double* f, 
       slope += residual[t] * direction[t];
       curvature += (change[t] - mean) * direction[t];
     }
-    if (!(curvature > 0)) break;  // one place bears all
-    const double length = slope / curvature;
+    double length = slope / curvature;
+    const bool descends = slope > 0 && curvature > 0 && square > rounding;
+    if (!descends && goes_on) {  // conjugate to places that bear no more, the direction may go up
+      goes_on = false;
+      continue;
+    }
+    std::copy_n(f, n, before);
+    for (int t = 0; descends && t < n; t++) f[t] = std::max(0.0, f[t] - length * direction[t]);
+    if (!(Sum(f, n) > kKeptLoad * load)) {  // only along a conjugate direction: the residual's mean is 0
+      std::copy_n(before, n, f);
+      if (!goes_on) break;
+      goes_on = false;
+      continue;
+    }
     goes_on = true;
     for (int t = 0; t < n; t++) {
-      before[t] = f[t];
-      f[t] = std::max(0.0, f[t] - length * direction[t]);
-    }
-    for (int t = 0; t < n; t++) {
       if (f[t] > 0 || before[t] > 0 || !(residual[t] < 0)) continue;
+      if (!descends) length = 1 / C[t * n + t];  // those that bear are content
       f[t] = -length * residual[t];
       goes_on = false;
     }
-    Rescale(load, f, n);
+    if (!descends && goes_on) break;
+    const double scale = load / Sum(f, n);  // 1 but for what was cut off
+    for (int t = 0; t < n; t++) f[t] *= scale;
     double moved = 0;
     for (int t = 0; t < n; t++) moved += std::abs(f[t] - before[t]);
     square_before = square;
