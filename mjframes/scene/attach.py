@@ -21,6 +21,7 @@ from mjframes.frames.supports import PARENT
 from mjframes.scene import links, plugin
 from mjframes.scene.carriers import Carrier, carriers, printable, printable_quaternion
 from mjframes.scene.contact import Contact
+from mjframes.scene.detach import detach
 from mjframes.scene.identity import remember
 from mjframes.scene.links import Pose
 from mjframes.scene.load import changed_masses
@@ -123,6 +124,12 @@ def attach(
         raise MjframesError(f"name is {name!r}; use one or more letters, digits, '_', '-' or '.'.")
     if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
+    if name == "world":
+        raise MjframesError("name is 'world', which MuJoCo calls the world's body; give another name.")
+    if tendons is not None and not isinstance(tendons, Mapping):
+        raise MjframesError(
+            f"tendons is a {type(tendons).__name__}; give a dictionary of Chamber, Fibre and Muscle by name."
+        )
     plugin.load()
     place = _place(spec, body, within, pos, quat)
     if not body.links and links.moves(within):
@@ -167,7 +174,11 @@ def attach(
     if place.bodies:  # with bones that the soft body's own spec does not have
         add_skins(spec, body, carried, name)
     avoid_wrong_solver(spec)
-    add_tendons(spec, body, name, carried, decode(config["point_rest"]).reshape(-1, 3), tendons or {})
+    try:
+        add_tendons(spec, body, name, carried, decode(config["point_rest"]).reshape(-1, 3), tendons or {})
+    except MjframesError:
+        detach(spec, name)
+        raise
     return Attachment(name, body)
 
 

@@ -169,7 +169,7 @@ def add_taxels(
     ------
     MjframesError
         For other quantities, for a grid that is not on the surface, for a soft body that the spec does not have, that
-        does not touch or is rigid there, and for a sensor name that is taken.
+        does not touch, is rigid there or has point frames, and for a sensor name that is taken.
     """
     if quantity not in QUANTITIES:
         raise MjframesError(f"quantity is {quantity!r}; it must be one of {', '.join(map(repr, QUANTITIES))}.")
@@ -185,6 +185,11 @@ def add_taxels(
     else:
         if "patch_size" not in soft:
             raise MjframesError(f"{name!r} has no contact; attach it with contact=True to feel what touches it.")
+        if "point" in body.types:
+            raise MjframesError(
+                f"{name!r} has frames of the type 'point', which feel no pressure; build it with "
+                "frame_type='affine', or take quantity='markers'."
+            )
         config |= {key: value for key, value in places.items() if key not in ("region", "rise")}
         config |= _pressed(body, grid, soft, place, normal, at)
     return write_sensor(spec, name, sensor_name or f"{name}_{quantity}", QUANTITIES[quantity].plugin, config)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage, sparse
 
+from mjframes.base.constants import LEAST_VERTICES
 from mjframes.base.errors import MjframesError
 from mjframes.base.rows import distinct_rows
 from mjframes.body.soft_body import SoftBody
@@ -65,11 +66,11 @@ class Chamber:
         Absolute pressure [Pa] of gas that is sealed in at rest, None for none. Its pressure p follows from p V^γ
         constant, and pushes as p − ambient.
     ambient
-        Absolute pressure around the body [Pa].
+        Absolute pressure around the body [Pa], 0 in a vacuum.
     exponent
         γ: 1.4 for air that is squeezed quickly, 1 for air that stays as warm as what is around it.
     vertices
-        About how many vertices the surface of the chamber has.
+        About how many vertices the surface of the chamber has, 100 or more.
 
     Raises
     ------
@@ -85,10 +86,14 @@ class Chamber:
     vertices: int = 500
 
     def __post_init__(self) -> None:
-        for name in ("gas", "ambient", "exponent"):
+        for name in ("gas", "exponent"):
             value = getattr(self, name)
             if not (is_number(value) and value > 0) and (name != "gas" or value is not None):
                 raise MjframesError(f"{name} is {value!r}; give a number > 0.")
+        if not (is_number(self.ambient) and self.ambient >= 0):
+            raise MjframesError(f"ambient is {self.ambient!r}; give an absolute pressure in pascals, 0 in a vacuum.")
+        if not (isinstance(self.vertices, (int, np.integer)) and self.vertices >= LEAST_VERTICES):
+            raise MjframesError(f"vertices is {self.vertices!r}; give a whole number ≥ {LEAST_VERTICES}.")
         if not isinstance(self.lid, bool):
             raise MjframesError(f"lid is {self.lid!r}; it must be True or False.")
 

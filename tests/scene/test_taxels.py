@@ -281,6 +281,40 @@ def test_taxels_need_contact_and_flesh() -> None:
         mf.add_taxels(spec, body, "hard", mf.TaxelGrid((0.04, 0.04, 0.04), (0, 0, 1), (0.02, 0.02), (4, 4)))
 
 
+def test_of_point_frames_there_are_markers_only() -> None:
+    body = mf.build(
+        mf.Volume.box((0.04, 0.04, 0.02), mf.Material(YOUNG, POISSON, 1000), spacing=0.005), 2, frame_type="point"
+    )
+    spec, small = mujoco.MjSpec(), mf.TaxelGrid((0, 0, 0.01), (0, 0, 1), (0.02, 0.02), (4, 4))
+    mf.attach(spec, body, "pad")
+    mf.add_taxels(spec, body, "pad", small, "markers")
+    with pytest.raises(MjframesError, match="'pad' has frames of the type 'point'"):
+        mf.add_taxels(spec, body, "pad", small)
+    spec.compile()
+
+
+def test_what_tumbles_on_a_pad_presses_and_never_pulls() -> None:
+    """Objects that hit it with edges and corners made NaN and pressures below zero."""
+    spec = feeling(pad(), grid(), mf.Contact(), gravity=True)
+    tumbling = spec.worldbody.add_body(pos=[0, 0, 0])
+    joint = tumbling.add_freejoint(name="tumbling")
+    tumbling.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.006, 0.008, 0.01], mass=0.02)
+    model = spec.compile()
+    data, rng, touched = mujoco.MjData(model), np.random.default_rng(0), 0
+    for _ in range(20):
+        mujoco.mj_resetData(model, data)
+        data.joint(joint.name).qpos[:] = [
+            *(TOP + rng.uniform(-0.01, 0.01, 3) * (1, 1, 0) + (0, 0, 0.015)),
+            *rng.normal(size=4),
+        ]
+        for _ in range(100):
+            mujoco.mj_step(model, data)
+            pressure = data.sensor("pad_pressure").data
+            touched += pressure.max() > 0
+            assert pressure.min() >= 0
+    assert touched > 200
+
+
 @pytest.mark.parametrize(
     ("quantity", "change", "words"),
     [

@@ -341,6 +341,8 @@ def test_mujoco_refuses_armature_which_it_would_take_from_its_own_path() -> None
         (lambda: mf.Chamber(np.ones((2, 2, 2), bool)), "boolean mask"),
         (lambda: mf.Chamber(half(hollow().labels == 0)), "is open at"),
         (lambda: mf.Chamber(CENTRE, gas=-1.0), "gas is"),
+        (lambda: mf.Chamber(CENTRE, ambient=-1.0), "ambient is"),
+        (lambda: mf.Chamber(CENTRE, vertices=50), "vertices is 50; give a whole number ≥ 100"),
         (lambda: mf.Chamber(CENTRE, lid=1), "lid is"),  # pyright: ignore[reportArgumentType]
         (lambda: mf.Fibre([LOW[0]]), "two stops"),
         (lambda: mf.Fibre("post"), "two stops"),
@@ -356,6 +358,32 @@ def test_a_sentence_says_what_is_wrong_with_a_tendon(tendon: Callable[[], mf.Cha
         mf.attach(mujoco.MjSpec.from_string(SITE), hollow_body(), "bar", tendons={"air": tendon()})
     assert said in str(found.value)
     assert str(found.value).count(". ") == 0
+
+
+def test_where_a_tendon_is_wrong_nothing_of_the_body_is_left() -> None:
+    spec = mujoco.MjSpec.from_string(SITE)
+    kinds = ("bodies", "geoms", "sites", "meshes", "skins", "tendons", "pairs", "numerics", "texts", "plugins")
+    before = {kind: len(getattr(spec, kind)) for kind in kinds}
+    for wrong in (mf.Fibre([LOW[0], (0.06, 0.2, 0)]), mf.Chamber((0.5, 0, 0))):
+        with pytest.raises(MjframesError):
+            mf.attach(spec, hollow_body(), "bar", tendons={**BOTH, "wrong": wrong})
+        assert {kind: len(getattr(spec, kind)) for kind in kinds} == before
+    mf.attach(spec, hollow_body(), "bar", tendons=BOTH)
+    assert spec.compile().ntendon == len(BOTH)
+
+
+def test_tendons_are_a_dictionary() -> None:
+    with pytest.raises(MjframesError, match="tendons is a list; give a dictionary of Chamber"):
+        mf.attach(mujoco.MjSpec(), hollow_body(), "bar", tendons=[mf.Chamber(CENTRE)])  # pyright: ignore[reportArgumentType]
+
+
+def test_gas_may_be_sealed_in_in_a_vacuum() -> None:
+    spec = mujoco.MjSpec.from_string("<mujoco><option gravity='0 0 0'/></mujoco>")
+    mf.attach(spec, hollow_body(), "bar", tendons={"air": mf.Chamber(CENTRE, gas=1e3, ambient=0.0)})
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qfrc_passive).max() > 0
 
 
 def test_names_of_tendons_are_not_taken() -> None:
