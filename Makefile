@@ -1,7 +1,7 @@
 # Every target starts from a bare machine: Python 3.11 or newer with venv, a C++ compiler, make.
 #   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
-#   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 8 minutes on two cores
-#   make test-all      all tests there, in 30 minutes
+#   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 15 minutes on two cores
+#   make test-all      all tests there, in 40 minutes
 #   make test-mujoco4  all tests but dm_control's and Ray's, on MuJoCo 4
 #   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
