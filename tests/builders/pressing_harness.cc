@@ -1,8 +1,8 @@
 // What presses where (pressing.h) as a C function.
 
-#include "pressing.h"
-
 #include <vector>
+
+#include "pressing.h"
 
 extern "C" __attribute__((visibility("default"))) void press(const double* C, const double* gap, int n, double load,
                                                              double* f) {
