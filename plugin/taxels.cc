@@ -116,8 +116,8 @@ void Taxels::Read(Reader* soft, Reader* reader) {
   const size_t all = widened_.size();
   const bool known = std::all_of(vertex_.begin(), vertex_.end(),
                                  [=](int32_t i) { return i >= 0 && static_cast<size_t>(i) < vertices; });
-  const bool fits = soft->ok() && n > 0 && weights_.size() == static_cast<int>(n) && known && along.size() == 3 * n &&
-                    all == n + vertex_.size() && place.size() == 3 * all && normal.size() == 3 * all &&
+  const bool fits = soft->ok() && n > 0 && weights_.size() >= static_cast<int>(n) && known && along.size() == 3 * n &&
+                    all == weights_.size() + vertex_.size() && place.size() == 3 * all && normal.size() == 3 * all &&
                     kernel_.size() > 1;
   if (!reader->Check(fits && step_ > 0 && softness_ > 0 && thickness_ > 0, kMismatch)) return;
   for (size_t t = 0; t < all; t++) {
@@ -144,10 +144,8 @@ void Taxels::Place(const mjData* d, const SoftBody& body) {
   const Kinematics& kinematics = body.kinematics();
   const Mat3 axes = kinematics.Axes(d);
   const Vec3 origin = kinematics.PositionToWorld(d, {});
-  const size_t n = area_.size();
-  for (size_t t = 0; t < n; t++) {
-    x_[t] = origin + Mul(axes, weights_.Position(static_cast<int>(t), kinematics.x()));
-  }
+  const int n = weights_.size();
+  for (int t = 0; t < n; t++) x_[t] = origin + Mul(axes, weights_.Position(t, kinematics.x()));
   SurfaceState* state = body.contact().state();
   const std::lock_guard lock(state->mutex);
   state->Update(d);

@@ -14,7 +14,7 @@
 //   −f n + (f / N) (F + Σ f n) + τ f m × (x − x̂_f)
 //
 // along its normal n, the rest as friction, with the twist τ about the mean normal m that the contacts have. So the
-// forces of all places sum to F. Places are the taxels and the contact vertices outside of them.
+// forces of all places sum to F. Places are the taxels, coarser cells around them, and the contact vertices beyond.
 // Sources: K. L. Johnson, Contact Mechanics (1985), §3.2 and §5.8. Index letters: t, s place; c contact.
 
 #ifndef MJFRAMES_PLUGIN_TAXELS_H_
@@ -61,15 +61,15 @@ class Taxels {
   int Bear(mjData* d, const Load& load, double softness);
   void Share(const Load& load, const Fit& fit, int bearing);
 
+  Weights weights_;  // of each taxel and cell
   // of each taxel
-  Weights weights_;
   std::vector<Vec3> along_;   // an axis of the surface
   std::vector<double> area_;  // [m²]
-  // of each place: taxels, then vertices
+  // of each place: taxels, then cells, then vertices
   std::vector<Vec3> rest_;       // p̄ [m]
   std::vector<Vec3> normal_;     // at rest
   std::vector<double> widened_;  // [m²] of a distance's square, as the place is larger than K's
-  std::vector<int32_t> vertex_;  // of those behind the taxels: number among the body's contact vertices
+  std::vector<int32_t> vertex_;  // of those behind the cells: number among the body's contact vertices
   std::vector<double> kernel_;   // K at distances 0, step, 2 step … [1/m]
   double step_ = 0;              // [m]
   double softness_ = 0;          // β² [1/Pa]

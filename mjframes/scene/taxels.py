@@ -6,6 +6,8 @@ its base, under a pressure spread as a Gaussian of variance s / 2 (Johnson, Cont
     K(r) = ∫₀^∞ M(kt) J₀(kr) e^(−s k² / 2) dk,   M(κ) = (2γ sinh 2κ − 4κ) / (2γ cosh 2κ + 4κ² + 1 + γ²)
 
 A unit force makes a dent β² K(r) at distance r, β² = (1 − ν²) / (πE). For t → ∞, K = erf(r / √(2s)) / r.
+Around the taxels are cells that are pressed as they are but not told, wider from ring to ring. Beyond are contact
+vertices.
 Index letters: t taxel; s contact vertex; a row, b column of the grid.
 """
 
@@ -25,7 +27,7 @@ from mjframes.base.trimeshes import trimesh
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.shares import factor_of
 from mjframes.scene import plugin
-from mjframes.scene.material_points import MaterialPoints, material_points
+from mjframes.scene.material_points import material_points
 from mjframes.scene.plugin_text import decode, encode
 from mjframes.scene.sensors import Quantity, place_attributes, soft_attributes, write_sensor
 from mjframes.surface.dents import PRESSURE
@@ -48,7 +50,8 @@ OF_ALL = ("resultant", "pressure_centre")
 STEPS = 512  # of the kernel's table
 DECAYED = 6.0  # [thicknesses] beyond which a layer gives way by less than 1e-3 of what it does below a force
 FINEST = 12.0  # [1/√s] of a wave that the Gaussian leaves: e⁻⁷²
-COVERED = 0.75  # [taxels] a contact vertex that is nearer to one is one of the map's
+RING = 3  # [cells] around the taxels, and around those around them
+COVERED = 0.75  # [cells] a contact vertex that is nearer to one is one of the map's
 SAME_SIDE = 0.8  # [-] cosine of two faces' normals with no edge between them
 MOST = 10_000  # taxels: a camera's picture, not a skin
 
@@ -176,12 +179,15 @@ def add_taxels(
     if not isinstance(grid, TaxelGrid):
         raise MjframesError(f"grid is a {type(grid).__name__}; give a TaxelGrid.")
     soft = soft_attributes(spec, body, name)
-    place, normal = _on_surface(body, grid)
-    at = material_points(body, decode(soft["point_rest"]).reshape(-1, 3), place)
-    places = place_attributes(at)
+    place, normal = _on_surface(body, grid.axes, grid.points)
+    if (beside := np.flatnonzero(np.isnan(place[:, 0]))).size:
+        raise MjframesError(
+            f"the grid's taxel {divmod(int(beside[0]), grid.shape[1])} is beside the soft body; move the grid or make "
+            "it smaller."
+        )
     config = {"quantity": quantity, "shape": "{} {}".format(*grid.shape)}
     if quantity == "markers":
-        config |= places | {"place": encode(place), "axes": encode(grid.axes)}
+        config |= _moved_with(body, soft, place) | {"place": encode(place), "axes": encode(grid.axes)}
     else:
         if "patch_size" not in soft:
             raise MjframesError(f"{name!r} has no contact; attach it with contact=True to feel what touches it.")
@@ -190,38 +196,58 @@ def add_taxels(
                 f"{name!r} has frames of the type 'point', which feel no pressure; build it with "
                 "frame_type='affine', or take quantity='markers'."
             )
-        config |= {key: value for key, value in places.items() if key not in ("region", "rise")}
-        config |= _pressed(body, grid, soft, place, normal, at)
+        config |= _pressed(body, grid, soft, place, normal)
     return write_sensor(spec, name, sensor_name or f"{name}_{quantity}", QUANTITIES[quantity].plugin, config)
 
 
-def _on_surface(body: SoftBody, grid: TaxelGrid) -> tuple[Array, Array]:
-    """Where the taxels are on the skin (n, 3) [m], and its normals there (n, 3), outward."""
-    axes, start = grid.axes, grid.points
+def _moved_with(body: SoftBody, soft: dict[str, str], place: Array) -> dict[str, str]:
+    """What the plugin reads of how places (n, 3) move with the body."""
+    return place_attributes(material_points(body, decode(soft["point_rest"]).reshape(-1, 3), place))
+
+
+def _on_surface(body: SoftBody, axes: Array, start: Array) -> tuple[Array, Array]:
+    """Where points (n, 3) come to the skin along the grid's normal [m], and the normals there, outward; else NaN."""
     vertices, faces = body.skin.vertices, body.skin.faces
     mesh = trimesh.Trimesh(vertices, faces, process=False)
-    flat = (vertices - np.asarray(grid.center)) @ axes.T  # rows, columns, height
+    flat = vertices @ axes.T  # rows, columns, height
     corner, ab, ac = (flat[faces[:, 0]], *(flat[faces[:, i]] - flat[faces[:, 0]] for i in (1, 2)))
     twice = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
     outward = np.flatnonzero(twice > 1e-12 * mesh.area)  # faces that face the normal's way
-    place, normal = np.empty_like(start), np.empty_like(start)
-    for t, (row, column, _) in enumerate((start - np.asarray(grid.center)) @ axes.T):
-        away = np.array([row, column]) - corner[outward, :2]
-        q = (away[:, 0] * ac[outward, 1] - away[:, 1] * ac[outward, 0]) / twice[outward]
-        r = (ab[outward, 0] * away[:, 1] - ab[outward, 1] * away[:, 0]) / twice[outward]
+    corner, ab, ac, twice = corner[outward], ab[outward], ac[outward], twice[outward]
+    place, normal = np.full_like(start, np.nan), np.full_like(start, np.nan)
+    for t, (row, column, _) in enumerate(start @ axes.T):
+        away = np.array([row, column]) - corner[:, :2]
+        q = (away[:, 0] * ac[:, 1] - away[:, 1] * ac[:, 0]) / twice
+        r = (ab[:, 0] * away[:, 1] - ab[:, 1] * away[:, 0]) / twice
         hit = np.flatnonzero((q >= -1e-9) & (r >= -1e-9) & (q + r <= 1 + 1e-9))
         if not len(hit):
-            raise MjframesError(
-                f"the grid's taxel {divmod(t, grid.shape[1])} is beside the soft body; move the grid or make it "
-                "smaller."
-            )
-        height = (corner[:, 2])[outward[hit]] + q[hit] * ab[outward[hit], 2] + r[hit] * ac[outward[hit], 2]
+            continue
+        height = corner[hit, 2] + q[hit] * ab[hit, 2] + r[hit] * ac[hit, 2]
         top = hit[np.argmax(height)]
         face = int(outward[top])
         share = np.array([1 - q[top] - r[top], q[top], r[top]])
         place[t] = share @ vertices[faces[face]]
         normal[t] = share @ np.array([_smooth(mesh, face, corner) for corner in faces[face]])
     return place, normal / np.linalg.norm(normal, axis=1)[:, None]
+
+
+def _around(grid: TaxelGrid, width: float) -> tuple[Array, Array]:
+    """Middles (n, 3) and areas (n,) of cells around a grid, twice as wide from ring to ring, until they have a width.
+
+    What presses across the grid's edge presses them, too.
+    """
+    size, shape = np.array(grid.size, np.float64), np.array(grid.shape)
+    middles, areas = [np.zeros((0, 3))], [np.zeros(0)]
+    while len(areas) == 1 or np.sqrt(np.prod(size / shape)) < width:
+        inner, inside = -(-shape // 2), size
+        shape = inner + 2 * RING
+        size = size / inner * shape
+        ring = TaxelGrid(grid.center, grid.normal, size.tolist(), tuple(shape), grid.along)
+        offset = (ring.points - np.asarray(grid.center)) @ grid.axes[:2].T
+        some = ring.points[(np.abs(offset) > inside / 2).any(axis=1)]
+        middles.append(some)
+        areas.append(np.full(len(some), float(np.prod(size / shape))))
+    return np.vstack(middles), np.concatenate(areas)
 
 
 def _smooth(mesh: trimesh.Trimesh, face: int, vertex: int) -> Array:
@@ -234,15 +260,18 @@ def _smooth(mesh: trimesh.Trimesh, face: int, vertex: int) -> Array:
     return mean / np.linalg.norm(mean)
 
 
-def _pressed(
-    body: SoftBody, grid: TaxelGrid, soft: dict[str, str], place: Array, normal: Array, at: MaterialPoints
-) -> dict[str, str]:
+def _pressed(body: SoftBody, grid: TaxelGrid, soft: dict[str, str], place: Array, normal: Array) -> dict[str, str]:
     """What the plugin reads of taxels at places (n, 3) with normals (n, 3) to find out how they are pressed."""
-    slope = normal @ grid.axes[2]
-    area = np.prod(grid.size) / np.prod(grid.shape) / np.maximum(slope, 0.2)
-    beside, facing, vertex = _vertices_beside(soft, place, float(np.sqrt(area.max())))
-    everything = np.vstack([place, beside])
-    widths = np.concatenate([area, np.full(len(beside), _area(body) / max(len(body.contact.positions), 1))])
+    vertex_area = _area(body) / max(len(body.contact.positions), 1)
+    middle, cell = _around(grid, float(np.sqrt(vertex_area)))
+    around, facing = _on_surface(body, grid.axes, middle)
+    found = ~np.isnan(around[:, 0])
+    cells, normals = np.vstack([place, around[found]]), np.vstack([normal, facing[found]])
+    flat = np.concatenate([np.full(len(place), np.prod(grid.size) / np.prod(grid.shape)), cell[found]])
+    area = flat / np.maximum(normals @ grid.axes[2], 0.2)
+    beside, facing, vertex = _vertices_beside(soft, cells, np.sqrt(area))
+    everything = np.vstack([cells, beside])
+    widths = np.concatenate([area, np.full(len(beside), vertex_area)])
     least = float(widths.min())
     dents = body.contact.dents
     near = KDTree(body.contact.positions).query(place)[1]
@@ -255,11 +284,12 @@ def _pressed(
     reach = min(float(np.linalg.norm(np.ptp(everything, axis=0))), DECAYED * thickness) + 2 * np.sqrt(widths.max())
     distance = np.linspace(0, reach, STEPS)
     along = grid.axes[0] - (normal @ grid.axes[0])[:, None] * normal
-    return {
+    moved = _moved_with(body, soft, cells)
+    return {key: value for key, value in moved.items() if key not in ("region", "rise")} | {
         "place": encode(everything),
-        "normal": encode(np.vstack([normal, facing])),
+        "normal": encode(np.vstack([normals, facing])),
         "along": encode(along / np.linalg.norm(along, axis=1)[:, None]),
-        "area": encode(area),
+        "area": encode(area[: len(place)]),
         "widened": encode(np.pi / 2 * PRESSURE * (widths - least) / 12),
         "vertex": encode(vertex),
         "kernel": encode(layer_response(distance, spread, thickness, table[material].poisson)),
@@ -276,14 +306,15 @@ def _area(body: SoftBody) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
-def _vertices_beside(soft: dict[str, str], place: Array, width: float) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Of the contact vertices that are of no taxel: where they are (s, 3) [m], the normals there, their numbers."""
+def _vertices_beside(soft: dict[str, str], place: Array, width: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Of the contact vertices that are of no cell (n,): where they are (s, 3) [m], the normals there, their numbers."""
     if "lattice_vertex" not in soft:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64)
     axes = decode(soft["lattice_axes"]).reshape(3, 3)
     cubes, normal = (decode(soft[f"lattice_{key}"]).reshape(-1, 3) for key in ("vertex", "normal"))
     positions = decode(soft["lattice_origin"]) + float(soft["lattice_spacing"]) * cubes @ axes.T
-    beside = np.flatnonzero(KDTree(place).query(positions)[0] > COVERED * width)
+    away, nearest = KDTree(place).query(positions)
+    beside = np.flatnonzero(away > COVERED * width[nearest])
     facing = normal[beside].astype(np.float64)
     return positions[beside], facing / np.linalg.norm(facing, axis=1)[:, None], beside
 

@@ -170,6 +170,19 @@ def test_something_that_turns_twists_the_shear() -> None:
     assert torque == pytest.approx(contacts, rel=0.1)
 
 
+@pytest.mark.parametrize(("shape", "taxel"), [("ball", 0.0025), ("box", 0.005)])
+def test_a_part_of_a_map_feels_what_the_whole_feels_there(shape: str, taxel: float) -> None:
+    def pressures(rows: int, columns: int, towards_x: float = 0, size: float = taxel) -> NDArray[np.float64]:
+        own = grid(size, (rows, columns), (TOP[0] + towards_x, *TOP[1:]))
+        return read(pressed(shape, 10.0, True, own)[1], "pressure").reshape(rows, columns)
+
+    whole = pressures(16, 16)
+    for found, expected in ((pressures(8, 16, -4 * taxel), whole[:8]), (pressures(4, 4), whole[6:10, 6:10])):
+        assert np.linalg.norm(found - expected) < 0.06 * np.linalg.norm(expected)
+    if shape == "ball":
+        assert pressures(1, 1, size=0.0004)[0, 0] == pytest.approx(whole[7:9, 7:9].mean(), rel=0.1)
+
+
 def test_what_presses_beside_the_taxels_is_left_out() -> None:
     half = [pressed("box", 10.0, False, grid(0.005, (8, 8), (x, 0.05, THICK)))[1] for x in (0.03, 0.05, 0.07)]
     share = [-float(read(data, "resultant")[0, 2] / 10) for data in half]
