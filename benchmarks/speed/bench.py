@@ -29,19 +29,19 @@ from benchmarks.contenders.flex import FlexProcess
 from benchmarks.solids import cases
 from benchmarks.speed.flex_steps import beam, flex_run, matches
 from benchmarks.speed.large import GROWTH, Job, Measured, draw_growth, jobs_of, measure, ring_file, standard_jobs
-from benchmarks.speed.step_scenes import BARE, OURS, SCENES
+from benchmarks.speed.profile import contact_share
+from benchmarks.speed.step_scenes import BARE, OURS, SCENES, Run
 from benchmarks.speed.step_tables import (
     BEAM,
-    PROFILE_NOTE,
     STEAK,
     STEP_NOTE,
+    contact_table,
     draw_steps,
     flex_table,
-    profile_table,
     readme_table,
     step_table,
 )
-from benchmarks.speed.steps import Group, Speed, counted, of, prepare, shares
+from benchmarks.speed.steps import Group, Speed, counted, of, prepare
 from benchmarks.speed.steps import measure as measure_steps
 from benchmarks.tables import machine, screen, show, table_of, write_table
 from mjframes.base.cache import SWITCH
@@ -167,13 +167,13 @@ def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str 
             progress.add_task("building bodies of many frames", total=None)
             bodies |= {frames: build(coarse, frames) for frames in MANY_FRAMES}
     rounds = QUICK_ROUNDS if quick else ROUNDS
-    speeds, profiles, note = measure_everything(console, bodies, rounds, mujoco4, simulate=not quick)
+    speeds, shares, note = measure_everything(console, bodies, rounds, mujoco4, simulate=not quick)
     show(console, step_table(speeds, STEAK), STEP_NOTE)
     if of(speeds, body=BEAM):
         show(console, flex_table(speeds), note)
     else:
         console.print(note, highlight=False)
-    show(console, profile_table(profiles), PROFILE_NOTE)
+    show(console, contact_table(shares))
 
     costs = [measure_cost(volume, sizes[0], law, rounds) for law in LAWS]
     show(console, cost_table(costs), COST_NOTE)
@@ -197,9 +197,7 @@ def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str 
         ]
         if s.instructions is not None:
             rows.append(("instructions", s.frames, "", name, s.instructions, "1"))
-    rows += [
-        ("share", frames, "", part, share, "1") for frames, some in profiles.items() for part, share in some.items()
-    ]
+    rows += [("share", frames, "", "the plugin's contacts", share, "1") for frames, share in shares.items()]
     rows += [("cost", *sizes[0], cost.law, cost.over_bodies, "1") for cost in costs]
     rows += [("elasticity", *sizes[0], cost.law, cost.over_no_elasticity, "1") for cost in costs]
     rows += [("paper", *size, "initialization", seconds, "s") for size, (seconds, _) in PAPER.items()]
@@ -210,9 +208,9 @@ def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str 
 
 def measure_everything(
     console: Console, bodies: Mapping[int, SoftBody], rounds: int, mujoco4: str | None, simulate: bool
-) -> tuple[list[Speed], dict[int, dict[str, float]], str]:
-    """Return the speeds of the bodies, by frames, and of the beam beside flex; shares of steps in contact; what is to
-    be said of flex.
+) -> tuple[list[Speed], dict[int, float], str]:
+    """Return the speeds of the bodies, by frames, and of the beam beside flex; what share of steps in contact is the
+    plugin's work on these; what is to be said of flex.
     """
     with FlexProcess(mujoco4) if mujoco4 else nullcontext() as process, _progress(console) as progress:
         task = progress.add_task("preparing scenes", total=None)
@@ -223,13 +221,15 @@ def measure_everything(
         progress.update(task, description="stepping", total=rounds * len(everything), completed=0)
         speeds = measure_steps(everything, rounds, lambda: progress.advance(task))
         progress.update(task, description="shares of a step", total=None)
-        profiles = {
-            frames: shares(groups[frames, "contact"], groups[frames, "free"], rounds)
-            for frames in bodies
-            if (frames, "contact") in groups
-        }
+        shares = {}
+        for frames in bodies:
+            if (frames, "contact") in groups:
+                touching, free = (groups[frames, scene].runs[0] for scene in ("contact", "free"))
+                assert isinstance(touching, Run)
+                assert isinstance(free, Run)
+                shares[frames] = contact_share(touching, free, groups[frames, "contact"].steps, rounds)
         progress.update(task, description="counting instructions")
-        return counted(speeds, everything, simulate), profiles, note
+        return counted(speeds, everything, simulate), shares, note
 
 
 def flex_groups(process: FlexProcess) -> tuple[list[Group], str]:

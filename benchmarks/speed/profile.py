@@ -1,4 +1,4 @@
-"""Where a step goes, by MuJoCo's own timers, and what of it is the plugin's work on contacts.
+"""The plugin's work on contacts as a share of a step, by MuJoCo's own timers.
 
 The plugin finds contacts in MuJoCo's collision stage, and writes their rows in that of the forces, where it also does
 all that a body in free flight needs. So its work on contacts is what these two stages take more than in free flight;
@@ -8,7 +8,7 @@ MuJoCo's own search for pairs of geoms is counted with it.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from statistics import median
@@ -18,45 +18,33 @@ import mujoco
 import numpy as np
 from numba import cfunc
 
-PARTS = ("position", "collision", "forces", "solver", "other")
+from benchmarks.speed.step_scenes import Run
+
 CLOCK_MONOTONIC = 1  # of Linux
 
 
-def profile(
-    data: Mapping[str, mujoco.MjData], step: Mapping[str, Callable[[], object]], rounds: int
-) -> dict[str, dict[str, float]]:
-    """Return the seconds of each part, medians, of models by name that are stepped in turns.
+def contact_share(touching: Run, free: Run, steps: int, rounds: int) -> float:
+    """Return the plugin's work on contacts as a share of a step [-], from medians of rounds of so many steps in turns.
 
-    data: whose timers tell.  step: runs the steps of a model; the sum of its parts is the time of all of these.
+    free: the same body without contacts.
     """
-    found: dict[str, list[Sequence[float]]] = {name: [] for name in data}
+    spent: list[list[Sequence[float]]] = [[], []]
     with _timed():
         for _ in range(rounds):
-            for name, run in step.items():
-                before = _durations(data[name])
-                run()
-                found[name].append(_parts(_durations(data[name]) - before))
-    return {
-        name: {part: median(some[i] for some in spent) for i, part in enumerate(PARTS)} for name, spent in found.items()
-    }
-
-
-def contact_share(touching: Mapping[str, float], free: Mapping[str, float]) -> float:
-    """Return the plugin's work on contacts as a share of a step, from the seconds of parts there and in free flight."""
-    work = sum(touching[part] - free[part] for part in ("collision", "forces"))
-    return work / sum(touching.values())
+            for run, some in zip((touching, free), spent, strict=True):
+                before = _durations(run.data)
+                run.step(steps)
+                some.append((_durations(run.data) - before).tolist())
+    (work, whole), (less, _) = ([median(times) for times in zip(*some, strict=True)] for some in spent)
+    return (work - less) / whole
 
 
 def _durations(data: mujoco.MjData) -> np.ndarray:
-    return np.array([entry.duration for entry in data.timer])
-
-
-def _parts(spent: np.ndarray) -> Sequence[float]:
+    """Seconds (2,) until now: of the stages with work on contacts, and of whole steps."""
     timer = mujoco.mjtTimer
-    stages = timer.mjTIMER_POSITION, timer.mjTIMER_POS_COLLISION, timer.mjTIMER_VELOCITY, timer.mjTIMER_CONSTRAINT
-    position, collision, forces, solver = (float(spent[stage]) for stage in stages)
-    other = float(spent[timer.mjTIMER_STEP]) - position - forces - solver
-    return position - collision, collision, forces, solver, other
+    stages = timer.mjTIMER_POS_COLLISION, timer.mjTIMER_VELOCITY, timer.mjTIMER_STEP
+    collision, forces, whole = (data.timer[stage].duration for stage in stages)
+    return np.array([collision + forces, whole])
 
 
 @contextmanager

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from benchmarks.speed.profile import PARTS
 from benchmarks.speed.step_scenes import BARE, OURS, SCENES, TIMESTEP
-from benchmarks.speed.steps import CONTACTS, Speed, growth, of, over_bare
+from benchmarks.speed.steps import Speed, growth, of, over_bare
 from benchmarks.tables import table_of
 from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
@@ -32,10 +31,6 @@ STEP_NOTE = (
 growth: exponent of the time in the number of frames.  –: left out, a run takes minutes, or not counted.
 instr.: by `perf`, or valgrind, which knows no AVX-512; in `--quick` by `perf` alone."""
 )
-PROFILE_NOTE = """\
-position: kinematics, inertia and its factorization.  collision: contacts of the patches.
-forces: elasticity, the factorization of M + hC + h²K, contact Jacobians.  solver: MuJoCo's, for the contacts.
-the plugin's contacts: what collision and forces take more than in free flight."""
 
 
 def step_table(speeds: Sequence[Speed], body: str) -> Table:
@@ -90,11 +85,10 @@ def flex_table(speeds: Sequence[Speed]) -> Table:
     return table
 
 
-def profile_table(profiles: Mapping[int, Mapping[str, float]]) -> Table:
-    """Return percentages, one column a number of frames."""
-    table = table_of("Where the step in contact goes, percent", *(f"{frames} frames" for frames in profiles))
-    for part in (*PARTS, CONTACTS):
-        table.add_row(part, *(f"{100 * shares[part]:.0f}" for shares in profiles.values()))
+def contact_table(shares: Mapping[int, float]) -> Table:
+    """Return the plugin's work on contacts, of the step in contact, one column a number of frames."""
+    table = table_of("The plugin's contacts", *(f"{frames} frames" for frames in shares))
+    table.add_row("of the step in contact", *(f"{share:.0%}" for share in shares.values()))
     return table
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from statistics import median
 
 import numpy as np
 
 from benchmarks.speed.instructions import instructions, simulated_instructions
-from benchmarks.speed.profile import PARTS, contact_share, profile
 from benchmarks.speed.step_scenes import BARE, OURS, Run, Steps, bare_run, soft_run
 from mjframes.body.soft_body import SoftBody
 
@@ -18,7 +16,6 @@ MOST_DOFS = 2000  # of a scene: larger ones take minutes
 LEAST_STEPS, MOST_STEPS = 20, 400  # that are timed at once
 SECONDS = 0.1  # [s] that they shall take
 PILOT = 5  # steps that tell how long one takes
-CONTACTS = "the plugin's contacts"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,24 +86,6 @@ def counted(speeds: Sequence[Speed], groups: Sequence[Group], simulate: bool) ->
         replace(speed, instructions=count(run, steps)) if isinstance(run, Run) else speed
         for speed, (steps, run) in zip(speeds, runs, strict=True)
     ]
-
-
-def shares(touching: Group, free: Group, rounds: int) -> dict[str, float]:
-    """Return shares of a soft body's step in contact: of its parts, and of the plugin's work on contacts.
-
-    free: the same body without contacts.
-    """
-    runs = {"touching": touching.runs[0], "free": free.runs[0]}
-    own = {name: run for name, run in runs.items() if isinstance(run, Run)}
-    found = profile(
-        {name: run.data for name, run in own.items()},
-        {name: partial(run.step, touching.steps) for name, run in own.items()},
-        rounds,
-    )
-    whole = sum(found["touching"].values())
-    return {part: found["touching"][part] / whole for part in PARTS} | {
-        CONTACTS: contact_share(found["touching"], found["free"])
-    }
 
 
 def of(speeds: Sequence[Speed], **chosen: object) -> list[Speed]:
