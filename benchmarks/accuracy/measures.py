@@ -7,11 +7,10 @@ does so for all, and medians of them are kept.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.contenders.equilibrium import TIMED_STEP
 from benchmarks.contenders.flex import FlexContender, FlexProcess, flex_settings
@@ -20,12 +19,9 @@ from benchmarks.solids.cases import Case
 from benchmarks.solids.reference import Reference
 from mjframes.base.errors import MjframesError
 
-Array = NDArray[np.float64]
-
 STALLED = 0.9  # [-] of the error with fewer frames: what does not get below that has stopped converging
 SETTLED = 0.02  # [-] error below which that no longer matters: voxels and the held face have their own
 USEFUL = (0.05, 0.1, 0.2, 0.3)  # [-] errors at which speeds are compared: the first that frames reach
-SHOWN = {"mjframes": 0.15, "flex": 0.15}
 
 
 @dataclass(frozen=True)
@@ -66,14 +62,12 @@ class Outcome:
     """One case.
 
     refused: (family, name, reason) of what did not build or come to rest.
-    shapes: of the best of each kind, name → displacements (n, 3).
     """
 
     case: Case
     reference: Reference
     rows: list[Row]
     refused: list[tuple[str, str, str]]
-    shapes: dict[str, Array] = field(default_factory=dict)
 
 
 def compare(
@@ -121,19 +115,7 @@ def compare(
         )
         for (one, kind, frames), measured in zip(found, zip(*times, strict=True), strict=True)
     ]
-    shapes = {}
-    for kind in ("mjframes", "flex"):
-        own = [i for i, row in enumerate(rows) if row.rival == kind]
-        if own:
-            i = shown(rows, own)
-            shapes[f"{rows[i].family}, {rows[i].name}: {100 * rows[i].error:.1f} %"] = found[i][0].moved
-    return Outcome(case, known, rows, refused, shapes)
-
-
-def shown(rows: Sequence[Row], own: Sequence[int]) -> int:
-    """Return the fastest of a kind that is within 15 %, else the best."""
-    near = [i for i in own if rows[i].error < SHOWN[rows[i].kind]]
-    return min(near, key=lambda i: rows[i].step_seconds) if near else min(own, key=lambda i: rows[i].error)
+    return Outcome(case, known, rows, refused)
 
 
 def front(rows: Sequence[Row], value: Callable[[Row], float]) -> list[Row]:

@@ -81,7 +81,6 @@ def _page(findings: Findings) -> Iterable[str]:
     yield from ("", "## Error against degrees of freedom", "", "![error against degrees of freedom](error_dofs.png)")
     yield from ("", "## Error against time of the precomputation", "", "![error against build time](error_build.png)")
     yield from _convergence(findings)
-    yield from ("", "## Shapes", "", "![deformed shapes over finite elements](shapes.png)")
     yield from _references(findings)
     yield from _vibration(findings)
     yield from _table2(findings)
@@ -148,7 +147,7 @@ def _times(ratio: float) -> str:
 
 
 def _convergence(findings: Findings) -> Iterable[str]:
-    yield from ("", "## Convergence", "", "![convergence](convergence.png)", "")
+    yield from ("", "## Convergence", "")
     yield "Order: minus the slope of log error against log degrees of freedom, fitted over all sizes."
     yield ""
     entries = [slope for outcome in findings.outcomes for slope in slopes(outcome.case.name, outcome.rows)]

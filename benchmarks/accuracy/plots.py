@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.accuracy.measures import Outcome, Row, front, slopes
+from benchmarks.accuracy.measures import Outcome, Row, front
 from benchmarks.accuracy.survey import Judged, Verdict
 from benchmarks.accuracy.vibration import LOST, PERIODS, Vibration
 from mjframes.base.choices import PAPER, WHOLE_BODY
@@ -24,7 +23,6 @@ Array = NDArray[np.float64]
 RESOLUTION = 110  # [dots per inch]
 COLUMNS = 4  # of small figures
 SWING = 1.5  # [-] of the first deflection that is shown
-DRAWN = 0.15  # [-] of its length that a body's largest displacement is drawn
 STYLES = {  # beginning of a family: colour, marker
     "affine, by hand": ("tab:pink", "*"),
     "affine": ("tab:blue", "o"),
@@ -97,85 +95,6 @@ def draw_survey(path: Path, verdicts: Sequence[Verdict], value: Callable[[Judged
 
 def _legend(row: Row) -> str:
     return row.family if row.kind == "flex" or row.family.startswith("paper") else f"mjframes {row.family}"
-
-
-def draw_convergence(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Draw error against degrees of freedom, families of frames, and of flex, a figure a case; the page has orders."""
-    from matplotlib.figure import Figure
-
-    figure, panels = _panels(Figure, len(outcomes))
-    seen: dict[str, object] = {}
-    for axes, outcome in zip(panels, outcomes, strict=False):
-        for slope in slopes(outcome.case.name, outcome.rows):
-            rows = [row for row in outcome.rows if row.family == slope.family]
-            color, marker = style(slope.family)
-            (line,) = axes.plot(
-                [row.dofs for row in rows], [100 * row.error for row in rows], marker=marker, markersize=3.5,
-                color=color, linewidth=1,
-            )  # fmt: skip
-            seen.setdefault(slope.family, line)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_ylim(None, 200)
-        _title(axes, outcome.case.title)
-    for axes in panels:
-        axes.set_xlabel("degrees of freedom", fontsize="small")
-    figure.supylabel("relative L2 error of the displacements [%]", fontsize="medium")
-    figure.legend(list(seen.values()), list(seen), loc="outside lower center", ncols=4, fontsize="x-small")
-    _save(path, figure)
-
-
-def draw_shapes(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Draw bodies as the fastest good contender of each kind bends them, in colour, over finite elements' wireframe."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 2.3 * len(outcomes)), layout="constrained")
-    rows = figure.subplots(len(outcomes), 2, squeeze=False)
-    for panels, outcome in zip(rows, outcomes, strict=True):
-        case, exact = outcome.case, outcome.reference.moved
-        scale = max(1.0, DRAWN * case.grid.length / np.abs(exact).max())
-        axis, up = _view(exact, np.ptp(case.grid.index, axis=0))
-        links = _links(case.grid.index, 3 - axis - up)
-        named = list(outcome.shapes.items()) or [("", exact)]
-        for axes, (name, moved) in zip(panels, named, strict=False):
-            for field, color, width in ((exact, "0.45", 0.6), (moved, style(name)[0], 0.9)):
-                places = (case.grid.centers + scale * field)[:, [axis, up]]
-                axes.add_collection(LineCollection(list(places[links]), colors=color, linewidths=width))
-            axes.autoscale()
-            axes.set_aspect("equal")
-            axes.set(xticks=[], yticks=[], frame_on=False)
-            axes.set_title(name, fontsize="x-small", color=style(name)[0])
-        panels[0].set_ylabel(
-            f"{textwrap.fill(case.title, 26)}\n× {scale:.3g}", fontsize="x-small", rotation=0, ha="right"
-        )
-        for axes in panels[len(named) :]:
-            axes.set_axis_off()
-    _save(path, figure)
-
-
-def _view(moved: Array, extent: Array) -> tuple[int, int]:
-    """The two axes to draw: that in which it moves most, and the longest of the others."""
-    up = int(np.argmax(np.abs(moved).max(axis=0)))
-    others = [a for a in range(3) if a != up]
-    axis = max(others, key=lambda a: extent[a])
-    if extent[axis] < extent[up]:
-        return up, axis
-    return axis, up
-
-
-def _links(index: NDArray[np.integer], depth: int) -> NDArray[np.int64]:
-    """(l, 2) neighbouring voxels of the layer in the middle of axis `depth`."""
-    levels, count = np.unique(index[:, depth], return_counts=True)
-    level = levels[np.argmin(np.abs(levels - np.average(levels, weights=count)))]
-    numbers = {tuple(place): v for v, place in enumerate(index.tolist()) if place[depth] == level}
-    found = []
-    for place, v in numbers.items():
-        for a in range(3):
-            after = tuple(p + (d == a) for d, p in enumerate(place))
-            if a != depth and after in numbers:
-                found.append((v, numbers[after]))
-    return np.array(found)
 
 
 def draw_vibration(path: Path, found: Sequence[Vibration], first: float, exact: Array) -> None:

@@ -36,7 +36,6 @@ from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
 
 COMMAND = "benchmarks.accuracy.report"
-MAIN = ("cantilever", "plate_rigid", "core", "bone_pull")  # cases of the two figures that README and docs show
 HOW = "left out: `make report`, or --mujoco4 with a Python that has mujoco 4.0.0, brings it in"
 
 
@@ -51,13 +50,7 @@ def write_report(
     try:
         import matplotlib  # noqa: F401
 
-        from benchmarks.accuracy.plots import (
-            draw_convergence,
-            draw_scatter,
-            draw_shapes,
-            draw_survey,
-            draw_vibration,
-        )
+        from benchmarks.accuracy.plots import draw_scatter, draw_survey, draw_vibration
     except ImportError as error:
         raise MjframesError(
             'the report needs matplotlib, which is not installed; pip install "mjframes[plot,harmonic]".'
@@ -92,18 +85,12 @@ def write_report(
         first, _, swinging = exact_vibration(swing, bent)
         version = f"MuJoCo {flex.version}" if flex else HOW
     progress("drawing")
-    main = [outcome for outcome in outcomes if outcome.case.name in MAIN] or outcomes
-    draw_scatter(folder / "main_time.png", main, lambda row: 1e6 * row.step_seconds, "µs a step")
-    draw_scatter(folder / "main_dofs.png", main, lambda row: row.dofs, "degrees of freedom")
-    draw_shapes(folder / "main_shapes.png", main)
     draw_scatter(folder / "error_time.png", outcomes, lambda row: 1e6 * row.step_seconds, "µs a step")
     draw_scatter(folder / "error_dofs.png", outcomes, lambda row: row.dofs, "degrees of freedom")
     draw_scatter(folder / "error_build.png", outcomes, lambda row: row.build_seconds, "seconds to build")
     draw_survey(folder / "survey_time.png", verdicts, lambda row: 1e6 * row.step_seconds, "µs a step")
     draw_survey(folder / "survey_dofs.png", verdicts, lambda row: row.dofs, "degrees of freedom")
     draw_survey(folder / "survey_build.png", verdicts, lambda row: row.build_seconds, "seconds to build")
-    draw_convergence(folder / "convergence.png", outcomes)
-    draw_shapes(folder / "shapes.png", outcomes)
     draw_vibration(folder / "vibration.png", found, first, swinging)
     command = shlex.join(["python", "-m", COMMAND, *sys.argv[1:]])
 

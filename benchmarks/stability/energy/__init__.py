@@ -22,7 +22,7 @@ PROCESSES = 2
 
 
 def main(chosen: Sequence[Subject], plan: Plan, folder: Path) -> int:
-    """Measure the bodies; print the table and write it, with a CSV and a picture, into the folder; return the code.
+    """Measure the bodies; print the table and write all numbers to energy.csv in the folder; return the code.
 
     Interrupted, it tells of the bodies that it has finished.
     """
@@ -37,8 +37,8 @@ def main(chosen: Sequence[Subject], plan: Plan, folder: Path) -> int:
     console.print(table(found))
     for line in summary(found):
         console.print(line, highlight=False, soft_wrap=True)
-    for path in write(found, folder):
-        print(path)
+    write(found, folder / "energy.csv")
+    print(folder / "energy.csv")
     return 0
 
 

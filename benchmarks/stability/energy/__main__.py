@@ -24,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help=f"{FEW} bodies, one step, no meshes: within two minutes")
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
     parser.add_argument("--laws", nargs="+", choices=METHODS, default=METHODS, metavar="LAW", help=", ".join(METHODS))
-    parser.add_argument("--out", default="out", metavar="FOLDER", help="of CSV and picture (default: %(default)s)")
+    parser.add_argument("--out", default="out", metavar="FOLDER", help="of energy.csv (default: %(default)s)")
     given = parser.parse_args(argv)
     count = given.bodies if given.bodies is not None else FEW if given.quick else BODIES
     if not given.quick and not MESHES.is_dir():

@@ -1,20 +1,17 @@
-"""What the benchmark found: a table to print, a CSV of every run, and a picture of the worst of each body."""
+"""What the benchmark found: a table to print, and a CSV of every run."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.stability.energy.loops import KINDS
 from benchmarks.stability.energy.loops import LIMIT as LOOP_LIMIT
 from benchmarks.stability.energy.motions import LIMIT, MOTIONS
 from benchmarks.stability.energy.trial import GAIN, LOOP, MADE, REST, RETURN, Found, Number
-from mjframes.base.errors import MjframesError
-from mjframes.base.files import replacing
+from benchmarks.tables import write_table
 
 OTHERS = (
     *("total", "motion", "turned", "moved_J", "mismatch", "doubt", "order"),
@@ -32,8 +29,6 @@ VERDICTS = {
     REST: "damped bodies do not come to rest",
 }
 SHOWN = 12  # of the worst runs
-SMALLEST, LARGEST = 1e-9, 1e6  # [-] of the picture's colours
-RESOLUTION = 120  # [dots per inch]
 
 
 def table(found: Sequence[Found]) -> Table:
@@ -75,25 +70,18 @@ def summary(found: Sequence[Found]) -> list[str]:
     return lines + [f"- {_place(body, number)}: {number.value:.2g}" for body, number in wrong[:SHOWN]]
 
 
-def write(found: Sequence[Found], folder: Path) -> list[Path]:
-    """Write energy.csv and energy.png. Raise MjframesError where one cannot be written."""
-    paths = [folder / "energy.csv", folder / "energy.png"]
-    with replacing(paths[0], "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(HEADER)
-        writer.writerows(_line(body, number) for body in found for number in body.numbers)
-    with replacing(paths[1], "the picture") as partial:
-        _draw(found, partial)
-    return paths
+def write(found: Sequence[Found], path: Path) -> None:
+    """Write every number (.csv)."""
+    write_table(path, HEADER, [_line(body, number) for body in found for number in body.numbers])
 
 
-def _line(body: Found, number: Number) -> list[str]:
+def _line(body: Found, number: Number) -> tuple[object, ...]:
     subject = body.subject
     what = (f"{subject.young:.4g}", f"{subject.poisson:.3g}", f"{subject.ratio:g}", subject.law, subject.method)
     others = ["" if name not in number.others else f"{number.others[name]:.4g}" for name in OTHERS]
     values = (f"{number.timestep:g}", number.run, f"{number.value:.4g}", f"{number.limit:g}", int(number.passes))
     first = (subject.name, body.voxels, subject.frames, *what, number.measure, number.case)
-    return [str(some) for some in (*first, *values, *others)]
+    return *first, *values, *others
 
 
 def _worst(numbers: Sequence[Number]) -> str:
@@ -107,25 +95,3 @@ def _worst(numbers: Sequence[Number]) -> str:
 
 def _place(body: Found, number: Number) -> str:
     return f"{body.subject.label}, {number.case}, h = {number.timestep * 1e3:g} ms, run {number.run}"
-
-
-def _draw(found: Sequence[Found], path: Path) -> None:
-    try:
-        from matplotlib.colors import LogNorm
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError(
-            'the picture needs matplotlib, which is not installed; pip install "mjframes[plot]".'
-        ) from error
-    columns = [(GAIN, name) for name in MOTIONS] + [(LOOP, kind) for kind in KINDS]
-    values = [[max((n.value for n in body.of(*column)), default=np.nan) for column in columns] for body in found]
-    worst = np.clip(np.array(values).reshape(len(found), len(columns)), SMALLEST, LARGEST)
-    figure = Figure(figsize=(7, 1.6 + 0.17 * max(len(found), 8)), layout="constrained")
-    axes = figure.subplots()
-    image = axes.imshow(worst, norm=LogNorm(SMALLEST, LARGEST), cmap="RdYlGn_r", aspect="auto")
-    axes.set_xticks(range(len(columns)), [case if kind == GAIN else f"loop, {case}" for kind, case in columns])
-    axes.tick_params(axis="x", rotation=40, labelsize=8)
-    axes.set_yticks(range(len(found)), [body.subject.label for body in found], fontsize=7)
-    axes.set_title("Worst energy from nothing, to what moves [-]", fontsize=10)
-    figure.colorbar(image, ax=axes)
-    figure.savefig(path, dpi=RESOLUTION)
