@@ -29,7 +29,6 @@ STYLES = {  # beginning of a family: colour, marker
     "rigid": ("tab:cyan", "s"),
     "quadratic": ("tab:purple", "D"),
     "paper's method": ("0.3", "x"),
-    "paper-style": ("0.6", "+"),
     "flex full": ("tab:red", "^"),
     "flex trilinear": ("tab:orange", "v"),
     "flex quadratic": ("tab:green", "P"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -24,7 +24,6 @@ from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.body.options import Paper
 from mjframes.body.soft_body import SoftBody
-from mjframes.elasticity.shares import factor_of
 from mjframes.frames.supports import Fixed
 from mjframes.kinematics.control import control_weights
 from mjframes.scene.attach import attach
@@ -32,8 +31,6 @@ from mjframes.scene.forces import wrenches
 from mjframes.scene.solver import choose_solver
 from mjframes.scene.view import soft
 from mjframes.volume.grid import Grid
-from mjframes.volume.material import Material
-from mjframes.volume.volume import Volume
 
 Array = NDArray[np.float64]
 
@@ -50,21 +47,17 @@ class Setting:
 
     frames: that are free.
     by_hand: with hats on the centre line, else where `build` places them.
-    averaged: the paper-style variant.
     """
 
     frames: int
     frame_type: str = "affine"
     method: str = WHOLE_BODY
     by_hand: bool = False
-    averaged: bool = False
     mass: str = "consistent"
 
     @property
     def family(self) -> str:
         """Return what it has in common with other numbers of frames."""
-        if self.averaged:
-            return "paper-style (Euclidean kernels, averaged samples)"
         kind = "paper's method" if self.method == PAPER else self.frame_type
         return f"{kind}{BY_HAND if self.by_hand else ''}{', lumped mass' if self.mass == 'lumped' else ''}"
 
@@ -181,19 +174,19 @@ class Contender:
 
 
 def settings(case: Case, quick: bool) -> list[Setting]:
-    """Return what is tried: the defaults; other types of frames; by hand, on centre lines; the paper's; its variant."""
+    """Return what is tried: the defaults; other types of frames; by hand, on centre lines; the paper's."""
     found = []
     for frames in case.frames:
         found += [Setting(frames, kind) for kind in (("affine",) if quick else TYPES)]
         if case.straight:
             found.append(Setting(frames, by_hand=True))
-        found += [Setting(frames, method=PAPER), Setting(frames, method=PAPER, averaged=True)]
+        found.append(Setting(frames, method=PAPER))
     return [one for one in found if one.frames * TYPES[one.frame_type] <= MOST_DOFS]
 
 
 def solved(case: Case, setting: Setting, load: Array) -> Contender:
     """Build, attach and bring to rest under `load` (n, 3) [N]. Raise MjframesError where one of these is refused."""
-    body, seconds = averaged_body(case, setting) if setting.averaged else built(case, case.volume, setting)
+    body, seconds = built(case, setting)
     simulation = Simulation(body, case.grid)
     push = simulation.pushed(load)
     result = settle(simulation.model, simulation.data, push, simulation.field)
@@ -205,35 +198,17 @@ def solved(case: Case, setting: Setting, load: Array) -> Contender:
     )  # fmt: skip
 
 
-def built(case: Case, volume: Volume, setting: Setting) -> tuple[SoftBody, float]:
+def built(case: Case, setting: Setting) -> tuple[SoftBody, float]:
     """Return the body, and the seconds that it took."""
     places: dict[str, Any] = {"frames": setting.frames}
     if setting.by_hand:
         assert case.places
         places = {"at": case.places(setting.frames), "weights": "linear"}
     return timed_build(
-        volume,
+        case.volume,
         method=setting.way,
         frame_type=setting.frame_type,
         mass=setting.mass,
         supports=[Fixed(case.fixed)],
         **places,
     )
-
-
-def averaged_body(case: Case, setting: Setting) -> tuple[SoftBody, float]:
-    """Return the body of kernels that know no stiffness, and one stiffness a region: the mean of its voxels'."""
-    grid = case.grid
-    even = Material(1.0, float(grid.per_material("poisson")[0]), float(np.mean(grid.density)))
-    labels = (case.volume.labels > 0).astype(np.uint8)
-    body, seconds = built(case, replace(case.volume, labels=labels, materials={1: even}), setting)
-    region = body.fields.region
-    factor = factor_of(grid.table)[grid.material]
-    part = np.array([np.bincount(region, grid.young * (factor == m)) for m in range(factor.max() + 1)])
-    part = (part / np.bincount(region)).T  # (regions, materials)
-    stiffness = replace(
-        body.stiffness,
-        matrix=tuple(e.sum() * matrix for e, matrix in zip(part, body.stiffness.matrix, strict=True)),
-        shares=tuple(e[:-1, None, None] * matrix for e, matrix in zip(part, body.stiffness.matrix, strict=True)),
-    )
-    return replace(body, stiffness=stiffness, fields=replace(body.fields, volume=case.volume)), seconds

@@ -93,17 +93,6 @@ def test_forces_on_points_of_turning_frames_have_their_torque(known, cantilever)
     assert distance(one.moved, known.moved) < 0.25
 
 
-@pytest.mark.slow
-def test_the_paper_style_variant_averages_the_stiffness_of_its_regions():
-    case = bar("core", "core", "pull", across=4, core=100.0, frames=(1,))
-    known = refined(case)
-    plain = solved(case, Setting(1, method=PAPER, averaged=True), known.load)
-    body_modulus = np.mean(case.grid.young[~case.held])
-    force = known.load.sum(axis=0)[0]
-    rule_of_mixture = force * 0.4 / (body_modulus * 0.01)
-    assert 0.75 < case.quantity(plain.moved) / rule_of_mixture < 1.05
-
-
 def test_every_case_is_held_loaded_and_within_reach():
     for case in all_cases(quick=False):
         n = len(case.grid.index)
