@@ -167,7 +167,7 @@ def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str 
             progress.add_task("building bodies of many frames", total=None)
             bodies |= {frames: build(coarse, frames) for frames in MANY_FRAMES}
     rounds = QUICK_ROUNDS if quick else ROUNDS
-    speeds, shares, note = measure_everything(console, bodies, rounds, mujoco4, simulate=not quick)
+    speeds, shares, note = measure_everything(console, bodies, rounds, mujoco4, counting=not quick)
     show(console, step_table(speeds, STEAK), STEP_NOTE)
     if of(speeds, body=BEAM):
         show(console, flex_table(speeds), note)
@@ -207,7 +207,7 @@ def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str 
 
 
 def measure_everything(
-    console: Console, bodies: Mapping[int, SoftBody], rounds: int, mujoco4: str | None, simulate: bool
+    console: Console, bodies: Mapping[int, SoftBody], rounds: int, mujoco4: str | None, counting: bool
 ) -> tuple[list[Speed], dict[int, float], str]:
     """Return the speeds of the bodies, by frames, and of the beam beside flex; what share of steps in contact is the
     plugin's work on these; what is to be said of flex.
@@ -229,7 +229,7 @@ def measure_everything(
                 assert isinstance(free, Run)
                 shares[frames] = contact_share(touching, free, groups[frames, "contact"].steps, rounds)
         progress.update(task, description="counting instructions")
-        return counted(speeds, everything, simulate), shares, note
+        return counted(speeds, everything) if counting else speeds, shares, note
 
 
 def flex_groups(process: FlexProcess) -> tuple[list[Group], str]:

@@ -29,7 +29,7 @@ STEP_NOTE = (
     + f"""
 × {BARE}: over the same MuJoCo bodies without the plugin, with as many contacts.
 growth: exponent of the time in the number of frames.  –: left out, a run takes minutes, or not counted.
-instr.: by `perf`, or valgrind, which knows no AVX-512; in `--quick` by `perf` alone."""
+instr.: by valgrind, which knows no AVX-512; not in `--quick`."""
 )
 
 

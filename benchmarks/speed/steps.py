@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from benchmarks.speed.instructions import instructions, simulated_instructions
+from benchmarks.speed.instructions import instructions
 from benchmarks.speed.step_scenes import BARE, OURS, Run, Steps, bare_run, soft_run
 from mjframes.body.soft_body import SoftBody
 
@@ -71,20 +71,12 @@ def measure(groups: Sequence[Group], rounds: int, progress: Callable[[], None] =
     ]
 
 
-def counted(speeds: Sequence[Speed], groups: Sequence[Group], simulate: bool) -> list[Speed]:
-    """Return the speeds, those of models of this process with the instructions of a step.
-
-    simulate: whether valgrind counts those of soft bodies where `perf` cannot, which takes some 20 s each.
-    """
-
-    def count(run: Run, steps: int) -> float | None:
-        found = instructions(run, steps)
-        return simulated_instructions(run) if found is None and simulate and run.contender == OURS else found
-
-    runs = [(group.steps, run) for group in groups for run in group.runs]
+def counted(speeds: Sequence[Speed], groups: Sequence[Group]) -> list[Speed]:
+    """Return the speeds, those of soft bodies of this process with the instructions of a step."""
+    runs = [run for group in groups for run in group.runs]
     return [
-        replace(speed, instructions=count(run, steps)) if isinstance(run, Run) else speed
-        for speed, (steps, run) in zip(speeds, runs, strict=True)
+        replace(speed, instructions=instructions(run)) if isinstance(run, Run) and run.contender == OURS else speed
+        for speed, run in zip(speeds, runs, strict=True)
     ]
 
 

@@ -12,7 +12,7 @@ from statistics import median
 import mujoco
 import numpy as np
 
-from benchmarks.speed.instructions import simulated_instructions
+from benchmarks.speed.instructions import instructions
 from benchmarks.speed.step_scenes import Run
 from benchmarks.tables import screen, show, table_of
 from mjframes.body.build import build
@@ -86,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 for label, run in runs.items():
                     seconds[label].append(run.step(STEPS) / STEPS)
             for label, run in runs.items():
-                counted = simulated_instructions(run)
+                counted = instructions(run)
                 known = f"{counted:,.0f}" if counted else ""
                 table.add_row(label, name, "yes" if dents else "no", f"{1 / median(seconds[label]):,.0f}", known)
     show(screen(), table, NOTE)

@@ -132,26 +132,6 @@ def test_work_on_contacts_is_a_share_of_the_step(groups: dict[str, tuple[Run, Ru
     assert 0 < contact_share(touching, free, STEPS, 3) < 1
 
 
-def test_instructions_are_those_beyond_no_steps(
-    groups: dict[str, tuple[Run, Run]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def perf(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
-        made = int(command[-1])
-        Path(command[command.index("-o") + 1]).write_text(
-            f"# perf\n\n{1000 + 7 * made},,{instructions.EVENT},1,100.0\n"
-        )
-        return subprocess.CompletedProcess(command, 0)
-
-    monkeypatch.setattr(instructions.shutil, "which", lambda name: "/usr/bin/perf")
-    monkeypatch.setattr(instructions.subprocess, "run", perf)
-    assert instructions.instructions(groups["free"][0], 10) == 7
-    monkeypatch.setattr(instructions, "EVENT", "another")  # what perf does not count it does not list
-    monkeypatch.setattr(instructions.subprocess, "run", lambda *_, **__: subprocess.CompletedProcess([], 1))
-    assert instructions.instructions(groups["free"][0], 10) is None
-    monkeypatch.setattr(instructions.shutil, "which", lambda name: None)
-    assert instructions.instructions(groups["free"][0], 10) is None
-
-
 def test_instructions_by_valgrind_are_those_of_steps_alone(
     groups: dict[str, tuple[Run, Run]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -166,11 +146,10 @@ def test_instructions_by_valgrind_are_those_of_steps_alone(
     monkeypatch.setattr(instructions.shutil, "which", lambda name: f"/usr/bin/{name}" if name == "valgrind" else None)
     monkeypatch.setattr(instructions.subprocess, "run", valgrind)
     speeds = [invented(run.frames, "contact", one.contender, 1e-6) for one in (run, bare)]
-    found = steps.counted(speeds, [Group(10, (run, bare))], simulate=True)
+    found = steps.counted(speeds, [Group(10, (run, bare))])
     assert [speed.instructions for speed in found] == [7, None]
-    assert steps.counted(speeds, [Group(10, (run, bare))], simulate=False) == speeds
     monkeypatch.setattr(instructions.shutil, "which", lambda name: None)
-    assert instructions.simulated_instructions(run) is None
+    assert instructions.instructions(run) is None
 
 
 def test_the_process_that_is_counted_makes_the_steps(groups: dict[str, tuple[Run, Run]], tmp_path: Path) -> None:
@@ -263,7 +242,7 @@ def test_main_prints_tables_and_writes_every_number(
     assert (tmp_path / "steps.png").is_file()
     with (tmp_path / bench.OUTPUT).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {row["table"] for row in rows} - {"instructions"} == {
+    assert {row["table"] for row in rows} == {
         "machine", "build", "step", "dofs", "contacts", "iterations", "share", "cost", "elasticity", "paper",
     }  # fmt: skip
     assert all(float(row["value"]) > 0 for row in rows if row["table"] in ("build", "step", "dofs", "paper"))
