@@ -21,11 +21,11 @@ CHUNK = 8  # runs that a process is given at a time: about as many share a body
 
 
 def main(folder: Path, quick: bool = False) -> int:
-    """Run the cases, print the table and write it, with a CSV and a map, into the folder; return the exit code."""
+    """Run the cases, print the table and write every run to stability.csv in the folder; return the exit code."""
     from rich.console import Console
     from rich.progress import Progress
 
-    from benchmarks.stability.check.report import failures, heading, summary, table, write
+    from benchmarks.stability.check.report import summary, table, write
 
     cases = few_cases() if quick else all_cases()
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
@@ -36,10 +36,8 @@ def main(folder: Path, quick: bool = False) -> int:
         console.width = 160  # a pipe's 80 columns would break the table
     console.print(table(outcomes))
     console.print(summary(outcomes), highlight=False)
-    for kind, runs in failures(outcomes).items():
-        console.print(f"- {heading(kind, runs)}.", highlight=False, soft_wrap=True)
-    for path in write(outcomes, folder):
-        print(path)
+    write(outcomes, folder / "stability.csv")
+    print(folder / "stability.csv")
     return 0
 
 

@@ -17,7 +17,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="Try out the numerical stability: stiff bodies, large steps, impacts.",
     )
     parser.add_argument("--quick", action="store_true", help="a tenth of the runs")
-    parser.add_argument("--out", default="out", metavar="FOLDER", help="of table and map (default %(default)s)")
+    parser.add_argument("--out", default="out", metavar="FOLDER", help="of stability.csv (default %(default)s)")
     arguments = parser.parse_args(argv)
     return check.main(Path(arguments.out), arguments.quick)
 

@@ -21,8 +21,6 @@ from mjframes.volume.volume import Volume
 
 SHAPE, SPACING = (12, 6, 6), 5e-4  # voxels, [m]
 LENGTH = SHAPE[0] * SPACING  # [m]
-VOLUME = SHAPE[0] * SHAPE[1] * SHAPE[2] * SPACING**3  # [m³]
-CENTRES = (np.argwhere(np.ones(SHAPE)) + 0.5) * SPACING  # (n, 3) of the voxels [m]
 DENSITY, POISSON = 1000.0, 0.4  # [kg/m³], [-]
 FRAMES = 3
 RATIO = 1e9  # [-] of the stiffness of the bar's halves, where they differ

@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from benchmarks.stability.check.cases import FREE, HEAVY, IMPACT, LENGTH, LIGHT, Case, body
-from benchmarks.stability.check.evidence import DEEP, FAST, End, Evidence, measure_end, rounding, stiffness_ratio, turn
 from benchmarks.stability.states import move_points, move_with
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
@@ -31,8 +30,7 @@ DAMPED_LOOKS = 240  # at the shape in the damped part
 CALM = 4  # good looks at the shape, or at a body that rests in another one, one after another
 BOUND = 1e4  # [m] beyond which a body has not survived
 RECOVERED = 0.02  # [-] of the bar's length
-BALANCED = 1e-4  # [-] of E times the bar's length squared: elastic forces below are none
-RESTING = 1e-5  # [-] of that, where it is no use to wait
+RESTING = 1e-5  # [-] of E times the bar's length squared: with elastic forces below it is no use to wait
 
 WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -47,25 +45,26 @@ WEIGHT = """<body name="weight" pos="0 0 {height}"><freejoint/>
 class Outcome:
     """What became of one case.
 
-    survives: finite, within bounds, no warning of MuJoCo.
     gain: largest energy to that of the start [-].
     motion: its part that is not elastic.
-    error: of the shape at the end, to the bar's length [-].
+    error: of the shape at the end, to the bar's length [-]; infinite for one that was not finite or within bounds any
+    more, or that MuJoCo warned of.
     warning: MuJoCo's.
-    evidence: what else was measured.
     """
 
     case: Case
-    survives: bool
     gain: float
     motion: float
     error: float
     warning: str
-    evidence: Evidence
+
+    @property
+    def survives(self) -> bool:
+        return self.error < np.inf
 
     @property
     def recovers(self) -> bool:
-        return self.survives and self.error < RECOVERED
+        return self.error < RECOVERED
 
 
 def run(case: Case) -> Outcome:
@@ -75,9 +74,9 @@ def run(case: Case) -> Outcome:
     view = soft(model, data, "soft").quiet()
     _disturb(case, model, data, view)
     mujoco.mj_forward(model, data)
-    energies, stiffness, depth, sank, spun = [_energy(view)], stiffness_ratio(view), 0.0, 0, 0
+    energies = [_energy(view)]
     steps = int(np.clip(np.pi / case.frequency / case.timestep, *FREE_STEPS))
-    alive, number = True, 0
+    alive = True
     for number in range(1, steps + 1):
         mujoco.mj_step(model, data)
         if number <= LOOKS or number % max(1, steps // LOOKS) == 0:
@@ -86,41 +85,35 @@ def run(case: Case) -> Outcome:
                 break
             mujoco.mj_forward(model, data)
             energies.append(_energy(view))
-            stiffness = max(stiffness, stiffness_ratio(view))
-            depth = max(depth, _depth(case, view))
-            sank = sank or number * (depth > DEEP)
-            spun = spun or number * (turn(view) > FAST)
-    error, damped, end = _relax(case, made, view) if alive else (np.inf, 0, None)
+    error = _relax(case, made, view) if alive else np.inf
     motion, elastic = np.transpose(energies)
     start = motion[0] + elastic[0]
     gain, moving = (motion + elastic).max() / start, motion.max() / start
-    number += damped
-    evidence = Evidence(number, number * case.timestep, stiffness, rounding(view, stiffness), depth, sank, spun, end)
-    return Outcome(case, end is not None, float(gain), float(moving), float(error), _warning(data), evidence)
+    return Outcome(case, float(gain), float(moving), error, _warning(data))
 
 
-def _relax(case: Case, made: SoftBody, view: Soft) -> tuple[float, int, End | None]:
-    """The shape's error at the end of the damped part, its number of steps, and what else is measured there."""
+def _relax(case: Case, made: SoftBody, view: Soft) -> float:
+    """The shape's error at the end of the damped part."""
     model, data = view.model, view.data
     model.opt.gravity[:] = 0
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     decay = max(np.exp(-case.frequency * case.timestep), LEAST_DECAY)
     steps = int(np.clip(PERIODS * 2 * np.pi / case.frequency / case.timestep, *DAMPED_STEPS))
     stride = max(1, steps // DAMPED_LOOKS)
-    calm, resting, number, errors = 0, 0, 0, []
-    for number in range(stride, steps + 1, stride):
+    calm, resting, error = 0, 0, np.inf
+    for _ in range(steps // stride):
         for _ in range(stride):
             mujoco.mj_step(model, data)
             data.qvel *= decay
         if not _alive(view):
-            return np.inf, number, None
+            return np.inf
         mujoco.mj_forward(model, data)
-        errors.append(shape_error(made, view.control_positions))
-        calm = calm + 1 if errors[-1] < RECOVERED else 0
+        error = shape_error(made, view.control_positions)
+        calm = calm + 1 if error < RECOVERED else 0
         resting = resting + 1 if _rests(case, view) else 0
         if CALM in (calm, resting):
             break
-    return errors[-1], number, measure_end(view, case.young, errors[len(errors) // 2])
+    return error
 
 
 def _rests(case: Case, view: Soft) -> bool:
@@ -187,11 +180,6 @@ def _energy(view: Soft) -> tuple[float, float]:
             model.body_inertia[weight] @ twist[:3] ** 2 + model.body_mass[weight] * twist[3:] @ twist[3:]
         )
     return motion, view.elastic_energy
-
-
-def _depth(case: Case, view: Soft) -> float:
-    """Of the bar's middle below the floor, to its length [-]."""
-    return 0.0 if case.disturbance in FREE else -float(view.control_positions[:, 2].mean()) / LENGTH
 
 
 def _alive(view: Soft) -> bool:
