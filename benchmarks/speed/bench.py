@@ -28,7 +28,7 @@ from rich.table import Table
 from benchmarks.contenders.flex import FlexProcess
 from benchmarks.solids import cases
 from benchmarks.speed.flex_steps import beam, flex_run, matches
-from benchmarks.speed.large import GROWTH, Job, Measured, draw_growth, jobs_of, measure, ring_file, standard_jobs
+from benchmarks.speed.large import CELLS, Job, Measured, jobs_of, measure, ring_file
 from benchmarks.speed.profile import contact_share
 from benchmarks.speed.step_scenes import BARE, OURS, SCENES, Run
 from benchmarks.speed.step_tables import (
@@ -94,6 +94,7 @@ elasticity: free less its bodies alone, with the second inertia and factorizatio
 × MuJoCo's: on the edge over the bodies alone, whose contacts are of one body each and found at once.
 × without elasticity: over the same less its elasticity: the same contacts of the same skin."""
 
+LARGE_FRAMES = 10
 LARGE_NOTE = """\
 The faster of two runs, each in a process of its own, with the kernels compiled. Processor seconds: of all threads.
 Bytes a cell: by how much the process grew, over the cells of the grid."""
@@ -265,42 +266,31 @@ def flex_groups(process: FlexProcess) -> tuple[list[Group], str]:
 
 
 def main_of_large() -> None:
-    """Print the table of volumes as large as the paper's, and write it to out/bench.csv."""
+    """Print the table of a ring of about a million voxels, and write it to out/bench.csv."""
     with tempfile.TemporaryDirectory() as folder:
-        large = list(measure(standard_jobs(folder)))
-    console = screen()
-    show(console, large_table(large), LARGE_NOTE)
+        large = list(measure([Job(ring_file(folder), CELLS, LARGE_FRAMES)]))
+    show(screen(), large_table(large), LARGE_NOTE)
     rows: list[tuple[object, ...]] = []
-    rows += [("large", m.job.frames, m.job.samples, f"{m.cells} cells", m.seconds, "s") for m in large]
-    rows += [("rate", m.job.frames, m.job.samples, f"{m.voxels} voxels", m.rate, "1/s") for m in large]
-    rows += [("memory", m.job.frames, m.job.samples, f"{m.cells} cells", m.memory / m.cells, "byte") for m in large]
+    rows += [("large", m.job.frames, "", f"{m.cells} cells", m.seconds, "s") for m in large]
+    rows += [("rate", m.job.frames, "", f"{m.voxels} voxels", m.rate, "1/s") for m in large]
+    rows += [("memory", m.job.frames, "", f"{m.cells} cells", m.memory / m.cells, "byte") for m in large]
     write_table(OUTPUT, COLUMNS, rows)
 
 
 def main_of_file(source: str, count: int | None, frames: Sequence[int]) -> None:
-    """Print the row of Table 2 for a mesh in a grid of `count` cells, or for a volume of `count` voxels."""
+    """Print the table of a mesh in a grid of `count` cells, or of a volume of `count` voxels."""
     show(screen(), large_table(list(measure(jobs_of(source, count, frames)))), LARGE_NOTE)
-
-
-def main_of_growth(picture: str) -> None:
-    """Draw a picture (.png) of time and memory from 10⁴ to 2·10⁷ cells."""
-    with tempfile.TemporaryDirectory() as folder:
-        ring = ring_file(folder)
-        measured = list(measure([Job(ring, cells, 10) for cells in GROWTH]))
-    draw_growth(measured, picture)
-    show(screen(), large_table(measured), f"{LARGE_NOTE}\n{picture} shows them.")
 
 
 def large_table(measured: Sequence[Measured]) -> Table:
     """Return the table with one row a body."""
-    columns = ("cells", "voxels", "seconds", "voxels/s", "processor seconds", "bytes a cell", "the paper's seconds")
+    columns = ("cells", "voxels", "seconds", "voxels/s", "processor seconds", "bytes a cell")
     table = table_of("Precomputation of large volumes, from the file to the saved body", *columns)
     for m in measured:
         table.add_row(
-            f"{Path(m.job.source).stem}, {Size(m.job.frames, m.job.samples)}",
+            f"{Path(m.job.source).stem}, {m.job.frames} frames",
             *(f"{m.cells:,}", f"{m.voxels:,}", f"{m.seconds:.2f}", f"{m.rate:,.0f}", f"{m.processor:.2f}"),
             f"{m.memory / m.cells:.0f}",
-            f"{m.job.paper[1]:g} ({m.job.paper[0]})" if m.job.paper else "",
         )
     return table
 
@@ -421,17 +411,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     sizes.add_argument("--cells", dest="count", type=_amount, metavar="N", help="of a mesh's grid (default 7e6)")
     sizes.add_argument("--voxels", dest="count", type=_amount, metavar="N", help="inside a volume (default 5e5)")
     parser.add_argument("--frames", type=count, nargs="+", default=[3, 10, 20], metavar="N", help="(default 3 10 20)")
-    parser.add_argument("--growth", metavar="PICTURE", help="only how time and memory grow with the grid (.png)")
-    parser.add_argument(
-        "--large", action="store_true", help="only the precomputation of volumes as large as the paper's"
-    )
+    parser.add_argument("--large", action="store_true", help="only the precomputation of about a million voxels")
     parser.add_argument("--quick", action="store_true", help="3, 10 and 20 frames only, and less often")
     parser.add_argument("--mujoco4", metavar="PYTHON", help="a Python that has MuJoCo 4.0.0, for flex")
     parser.add_argument("--picture", metavar="FILE", help="figure to write of times over frames (.png)")
     arguments = parser.parse_args(argv)
-    if arguments.growth:
-        main_of_growth(arguments.growth)
-    elif arguments.file:
+    if arguments.file:
         main_of_file(arguments.file, arguments.count, arguments.frames)
     elif arguments.large:
         main_of_large()

@@ -1,8 +1,8 @@
-"""Precomputation of large volumes: time and memory beside the paper's Table 2, and how both grow.
+"""Precomputation of large volumes: time and memory.
 
 From a mesh file or a volume to the saved soft body. Each measurement has a process of its own, which builds a small
 body first, so that all kernels are compiled, and then reports the growth of its largest resident size. Nothing is taken
-from the cache of stages. The bodies are a ring and the steak in finer voxels unless a file is given.
+from the cache of stages. The body is a ring of about a million voxels unless a file is given.
 """
 
 from __future__ import annotations
@@ -21,20 +21,16 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.solids.cases import STEAK
 from mjframes.base.cache import SWITCH
-from mjframes.base.choices import WHOLE_BODY
 from mjframes.base.errors import MjframesError
-from mjframes.base.files import replacing
 from mjframes.body.build import build
-from mjframes.body.options import Paper
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.volume import Volume
 
 RUBBER = Material(young=1e5, poisson=0.4, density=1000)
 REPEATS = 2  # of which the faster counts: nothing makes a machine faster than it is
-GROWTH = tuple(int(10**power) for power in np.linspace(4, np.log10(7e6), 8))  # [cells]
+CELLS, VOXELS = 7_000_000, 500_000  # of a mesh's grid, and inside a volume, where no number is given
 
 
 @dataclass(frozen=True)
@@ -43,15 +39,11 @@ class Job:
 
     source: a mesh, of which the bounding grid has so many cells, or a volume, of which so many voxels are inside.
     frames: of the body.
-    samples: of the paper's method, None for the default one.
-    paper: the model of Table 2 that is as large, and its t_ini [s].
     """
 
     source: str
     count: int
     frames: int
-    samples: int | None = None
-    paper: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -78,23 +70,6 @@ class Measured:
         return self.voxels / self.seconds
 
 
-# Table 2: frames, samples, t_ini; the grid or the voxels come first
-DRAGON = ((3, 6, 100.0), (10, 41, 220.0), (20, 158, 360.0))
-KNEE, RAT = (10, 200, 11.0), (30, 230, 90.0)
-
-
-def standard_jobs(folder: str) -> list[Job]:
-    """Return jobs as large as the paper's knee, rat and dragon, each by both methods; `folder` gets a mesh file."""
-    ring, steak = ring_file(folder), str(STEAK)
-    rows = [(steak, 500_000, KNEE, "knee"), (steak, 1_500_000, RAT, "rat")]
-    rows += [(ring, 7_000_000, row, "dragon") for row in DRAGON]
-    return [
-        Job(source, count, frames, how, (name, seconds))
-        for source, count, (frames, samples, seconds), name in rows
-        for how in (None, samples)
-    ]
-
-
 def jobs_of(source: str, count: int | None, frames: Sequence[int]) -> list[Job]:
     """Return jobs of a mesh (.obj .stl .ply .off .glb) in `count` cells, or a label image with materials of
     `count` voxels inside.
@@ -103,10 +78,8 @@ def jobs_of(source: str, count: int | None, frames: Sequence[int]) -> list[Job]:
     """
     if not Path(source).is_file():
         raise MjframesError(f"{source}: there is no such file; give a mesh or a volume with materials.")
-    count = count or (7_000_000 if _is_mesh(source) else 500_000)
-    rows = [(row, "dragon") for row in DRAGON] if _is_mesh(source) else [(KNEE, "knee")]
-    papers = {row[0]: (name, row[2]) for row, name in rows}
-    return [Job(source, count, f, paper=papers.get(f)) for f in frames]
+    count = count or (CELLS if _is_mesh(source) else VOXELS)
+    return [Job(source, count, f) for f in frames]
 
 
 def ring_file(folder: str) -> str:
@@ -135,8 +108,7 @@ def measure_here(job: Job) -> Measured:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what a mesh lacks is not the question here
         path = str(Path(folder) / "body.npz")
-        small = replace(job, count=20_000, frames=min(job.frames, 3), samples=job.samples and min(job.samples, 6))
-        _build(small, path)
+        _build(replace(job, count=20_000, frames=min(job.frames, 3)), path)
         before = _peak()
         wall, processor = time.perf_counter(), time.process_time()
         volume = _build(job, path)
@@ -144,29 +116,6 @@ def measure_here(job: Job) -> Measured:
         after = _peak()
     voxels = int(np.count_nonzero(volume.labels))
     return Measured(job, volume.labels.size, voxels, wall, processor, after - before)
-
-
-def draw_growth(measured: Sequence[Measured], path: str | os.PathLike[str]) -> None:
-    """Draw time and memory over the number of cells, as a picture (.png).  Raise MjframesError without matplotlib."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError('a plot needs matplotlib, which is not installed; pip install "mjframes[plot]".') from error
-    cells = np.array([m.cells for m in measured])
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.loglog(cells, [m.seconds for m in measured], "o-", label="wall time")
-    left.loglog(cells, [m.processor for m in measured], "s--", label="processor time")
-    last = measured[-1].seconds / (cells[-1] * np.log(cells[-1]))
-    left.loglog(cells, last * cells * np.log(cells), ":", color="black", label="n log n")
-    left.set(xlabel="cells of the grid", ylabel="seconds", title="mesh file to saved soft body")
-    left.legend()
-    right.semilogx(cells, [m.memory / m.cells for m in measured], "o-")
-    right.set(xlabel="cells of the grid", ylabel="bytes a cell", title="growth of the process", ylim=(0, None))
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-    with replacing(path, "the plot") as partial:
-        figure.savefig(partial, dpi=120, format="png")
 
 
 def _peak() -> int:
@@ -187,7 +136,7 @@ def _build(job: Job, path: str) -> Volume:
     else:
         volume = Volume.load(job.source).resample(job.count)
     volume = volume.largest_component()
-    build(volume, job.frames, method=Paper(job.samples) if job.samples else WHOLE_BODY).save(path)
+    build(volume, job.frames).save(path)
     return volume
 
 
