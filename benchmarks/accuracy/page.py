@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from benchmarks.accuracy.survey import Verdict
 from benchmarks.accuracy.survey_page import survey_page
 from benchmarks.accuracy.table2 import PAPER, Line
 from benchmarks.accuracy.vibration import LOST, PERIODS, TIMESTEP, Vibration
-from benchmarks.tables import markdown_table
+from benchmarks.tables import markdown_table, write_table
 from mjframes.base.files import replacing
 
 FASTER, FASTER_AT_5 = 10.0, 2.0  # times faster than flex: heterogeneous cases; the homogeneous cantilever at 5 %
@@ -40,10 +39,7 @@ class Findings:
 
 def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
     """Write every row of every case."""
-    with replacing(path, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [entry.name for entry in fields(Row)])
-        writer.writeheader()
-        writer.writerows(asdict(row) for outcome in outcomes for row in outcome.rows)
+    write_table(path, [entry.name for entry in fields(Row)], [astuple(row) for some in outcomes for row in some.rows])
 
 
 def write_page(path: Path, findings: Findings) -> None:

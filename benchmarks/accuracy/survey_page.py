@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -10,9 +9,8 @@ import numpy as np
 
 from benchmarks.accuracy.survey import PROMISED_FRAMES, Judged, Verdict
 from benchmarks.solids.bodies import PUSHED
-from benchmarks.tables import markdown_table
+from benchmarks.tables import markdown_table, write_table
 from mjframes.base.choices import PAPER, WHOLE_BODY
-from mjframes.base.files import replacing
 
 GROWTH = 1.2  # [-] more error than with fewer frames, that is promised not to be exceeded
 SHARES = [f"{share:.0%}" for share in PUSHED]
@@ -25,21 +23,17 @@ HEADER = (
 
 def write_survey_csv(path: Path, verdicts: Sequence[Verdict]) -> None:
     """Write every row of every body."""
-    with replacing(path, "the table") as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(HEADER)
-        for verdict in verdicts:
-            writer.writerows(_values(row) for row in verdict.rows)
+    write_table(path, HEADER, [_values(row) for verdict in verdicts for row in verdict.rows])
 
 
-def _values(row: Judged) -> list[object]:
+def _values(row: Judged) -> tuple[object, ...]:
     kinds = ("weight", "end", *(f"push {share}" for share in SHARES))
     errors = (row.errors.get(kind, "") for kind in kinds)
     estimate = ("" if np.isnan(value) else value for value in row.estimate)
-    return [
+    return (
         *(row.body, row.method, row.frames, row.dofs, *errors),
         *(row.same_mesh, row.frequency, *estimate, row.step_seconds, row.build_seconds),
-    ]
+    )
 
 
 def survey_page(verdicts: Sequence[Verdict]) -> Iterable[str]:
