@@ -32,6 +32,14 @@ def move_with(view: Soft, velocity: np.ndarray) -> None:
     view.data.qvel[:] = np.linalg.lstsq(jacobian(view), velocities, rcond=None)[0]
 
 
+def misfit(points: np.ndarray, rest: np.ndarray) -> float:
+    """Return the largest distance of points (n, 3) from where they rest, rigidly moved to fit [m]."""
+    a, b = points - points.mean(axis=0), rest - rest.mean(axis=0)
+    u, _, vt = np.linalg.svd(a.T @ b)
+    u[:, 2] *= np.linalg.det(u @ vt)
+    return float(np.linalg.norm(a - b @ (u @ vt).T, axis=1).max())
+
+
 def jacobian(view: Soft) -> np.ndarray:
     """Return ∂x/∂q (3k, nv) of the control points."""
     found = np.zeros((len(view.bodies), 3, view.model.nv))

@@ -206,16 +206,6 @@ def test_the_lowest_rate_is_that_of_the_stiffness() -> None:
     assert recovery.lowest_rate(made(young=2e7)) == pytest.approx(10 * recovery.lowest_rate(made()), rel=1e-3)
 
 
-def test_the_shape_at_rest_has_no_error_wherever_it_is_and_a_stretched_one_has() -> None:
-    some = made()
-    some.reset(2e-3)
-    turned = some.rest @ np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) + [1, 2, 3]
-    some.move(turned)
-    assert recovery.shape_error(some) < 1e-9
-    some.move(1.1 * turned)
-    assert recovery.shape_error(some) == pytest.approx(0.05, rel=1e-6)
-
-
 def test_what_falls_on_the_floor_comes_to_rest() -> None:
     assert recovery.rests(made(), 0) < recovery.STILL
 

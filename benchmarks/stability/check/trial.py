@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.stability.check.cases import FREE, HEAVY, IMPACT, LENGTH, LIGHT, Case, body
-from benchmarks.stability.states import move_points, move_with
+from benchmarks.stability.states import misfit, move_points, move_with
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.view import Soft, soft
@@ -108,7 +108,7 @@ def _relax(case: Case, made: SoftBody, view: Soft) -> float:
         if not _alive(view):
             return np.inf
         mujoco.mj_forward(model, data)
-        error = shape_error(made, view.control_positions)
+        error = misfit(made.skin.weights @ view.control_positions, made.skin.weights @ made.control.rest) / LENGTH
         calm = calm + 1 if error < RECOVERED else 0
         resting = resting + 1 if _rests(case, view) else 0
         if CALM in (calm, resting):
@@ -119,15 +119,6 @@ def _relax(case: Case, made: SoftBody, view: Soft) -> float:
 def _rests(case: Case, view: Soft) -> bool:
     """Whether no force is left to move it; h K v is one of qfrc_passive, small where nothing moves."""
     return float(np.abs(view.data.qfrc_passive).max()) < RESTING * case.young * LENGTH**2
-
-
-def shape_error(made: SoftBody, x: np.ndarray) -> float:
-    """Return the largest distance of the surface from that at rest, rigidly moved to fit, to the bar's length [-]."""
-    now, rest = made.skin.weights @ x, made.skin.weights @ made.control.rest
-    a, b = now - now.mean(axis=0), rest - rest.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    u[:, 2] *= np.linalg.det(u @ vt)
-    return float(np.linalg.norm(a - b @ (u @ vt).T, axis=1).max() / LENGTH)
 
 
 def _scene(case: Case, made: SoftBody) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.energy.motions import HEIGHTS, above_floor
 from benchmarks.stability.energy.world import GRAVITY, World
+from benchmarks.stability.states import misfit
 from mjframes.scene.inertia import mass_matrix
 from mjframes.scene.load import DIVERGED
 
@@ -33,15 +34,6 @@ NOISE = 1e-3  # [-] of the size, so that no state is exactly symmetric
 REST_SECONDS, REST_DAMPING = 5.0, 2.0  # [s], [1/s]
 STILL = 1e-4  # [-] of the energy of the fall
 RIGID = 6  # motions without stiffness
-
-
-def shape_error(world: World) -> float:
-    """Return the largest distance of the surface from that at rest, rigidly moved to fit, to the body's size [-]."""
-    a, b = world.surface @ world.view.control_positions, world.surface @ world.rest
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    u[:, 2] *= np.linalg.det(u @ vt)
-    return float(np.linalg.norm(a - b @ (u @ vt).T, axis=1).max() / world.size)
 
 
 def lowest_rate(world: World) -> float:
@@ -78,7 +70,7 @@ def recovers(world: World, start: str, seed: int, rate: float) -> float:
             if world.data.warning.number[DIVERGED].any():
                 return np.inf
             mujoco.mj_kinematics(world.model, world.data)
-            error = shape_error(world)
+            error = misfit(world.surface @ world.view.control_positions, world.surface @ world.rest) / world.size
             calm = calm + 1 if error < BACK else 0
             if calm == CALM:
                 break
