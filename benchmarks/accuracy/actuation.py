@@ -128,9 +128,9 @@ def _chamber_case(name: str, volume: Volume, forces: tuple[float, ...], axis: in
     return Case(name, volume, Chamber(cavity), length, forces, "Pa", axis)
 
 
-def cantilever_case(across: int = 6) -> Case:
+def cantilever_case() -> Case:
     """Return a solid bar, five times as long as thick, with a cable below the middle that ends at a firm plate."""
-    size = 0.02  # [m]
+    size, across = 0.02, 6  # [m], voxels
     edge = size / across
     labels = np.ones((5 * across + 2, across, across), np.uint8)
     labels[-1] = 2

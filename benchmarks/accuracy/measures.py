@@ -155,10 +155,10 @@ class Race:
         return _ratio(self.fastest_flex, self.fastest)
 
 
-def race(case: str, rows: Sequence[Row], bounds: Sequence[float] = USEFUL) -> Race:
+def race(case: str, rows: Sequence[Row]) -> Race:
     """Return the race of a case; leads over a flex that exists are preferred to leads over none."""
-    reached = [bound for bound in bounds if any(r.rival == "mjframes" and r.error <= bound for r in rows)]
-    bound = reached[0] if reached else bounds[-1]
+    reached = [bound for bound in USEFUL if any(r.rival == "mjframes" and r.error <= bound for r in rows)]
+    bound = reached[0] if reached else USEFUL[-1]
     frames, flex = ([r for r in rows if r.rival == kind] for kind in ("mjframes", "flex"))
     duels = []
     for row in (r for r in frames if r.error <= bound):

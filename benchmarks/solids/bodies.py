@@ -144,10 +144,10 @@ def _first(labels: NDArray[np.integer], axis: int = 0) -> Mask:
 
 def _bar(
     name: str, title: str, labels: NDArray[np.integer], materials: dict[int, Material], bound: float,
-    ends: Callable[[Grid, Mask], dict[str, Array]], spacing: float = 0.01, same_mesh: bool = False,
+    ends: Callable[[Grid, Mask], dict[str, Array]], same_mesh: bool = False,
 ) -> Body:  # fmt: skip
     """A body held at its first layer along x and loaded at its last."""
-    volume = Volume.from_labels(labels.astype(np.uint8), spacing, materials)
+    volume = Volume.from_labels(labels.astype(np.uint8), 0.01, materials)
     grid = voxel_grid(volume)
     end = grid.index[:, 0] == labels.shape[0] - 1
     return Body(name, title, volume, _first(labels), ends(grid, end), bound, same_mesh)

@@ -71,11 +71,11 @@ class Case:
         return float(np.sum(self.goal * moved))
 
 
-def _along(volume: Volume, axis: int, fixed: int = 1) -> tuple[Mask, Mask]:
-    """The first layers along an axis (nx, ny, nz), and whether a voxel is in the last (n,)."""
+def _along(volume: Volume, axis: int) -> tuple[Mask, Mask]:
+    """The first layer along an axis (nx, ny, nz), and whether a voxel is in the last (n,)."""
     index = voxel_grid(volume).index
     mask = np.zeros(volume.labels.shape, bool)
-    mask[(slice(None),) * axis + (slice(fixed),)] = True
+    mask[(slice(None),) * axis + (0,)] = True
     return mask, index[:, axis] == index[:, axis].max()
 
 
@@ -110,22 +110,20 @@ def bar(
     load: str,
     *,
     across: int,
-    poisson: float = 0.3,
     core: float | None = None,
-    length: int = 4,
     frames: tuple[int, ...] = FRAMES,
     amplitude: float = SMALL,
 ) -> Case:
-    """Return a bar 0.1 m thick, `length` times as long, held at one end.
+    """Return a bar 0.1 m thick, four times as long, held at one end.
 
     load: weight, pull, twist.  core: its stiffness.
     """
-    labels = np.ones((length * across + 1, across, across), np.uint8)
-    materials = {1: Material(1e6, poisson, DENSITY)}
+    labels = np.ones((4 * across + 1, across, across), np.uint8)
+    materials = {1: Material(1e6, 0.3, DENSITY)}
     if core is not None:
         inside = slice(across // 4, across - across // 4)
         labels[:, inside, inside] = 2
-        materials[2] = Material(1e6 * core, poisson, DENSITY)
+        materials[2] = Material(1e6 * core, 0.3, DENSITY)
     volume = Volume.from_labels(labels, 0.1 / across, materials)
     grid = voxel_grid(volume)
     fixed, end = _along(volume, 0)
