@@ -19,6 +19,7 @@ from rich.console import Console
 
 from benchmarks.accuracy.measures import Outcome, compare
 from benchmarks.accuracy.page import Findings, write_csv, write_page
+from benchmarks.accuracy.plots import draw_scatter, draw_survey, draw_vibration
 from benchmarks.accuracy.survey import judge
 from benchmarks.accuracy.survey_page import write_survey_csv
 from benchmarks.accuracy.table2 import Line, measure
@@ -31,7 +32,7 @@ from benchmarks.solids.exact import exact_solution, exact_solutions
 from benchmarks.solids.reference import references, refined
 from benchmarks.tables import machine
 from mjframes.base.choices import METHODS
-from mjframes.base.errors import MjframesError
+from mjframes.base.packages import optional
 from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
 
@@ -47,14 +48,7 @@ def write_report(
     mujoco4: a Python that has MuJoCo 4.0.0, for flex; None leaves flex out.  models: files for Table 2, by model.
     Raise MjframesError where an extra package is missing, for a Python without flex and for unusable files.
     """
-    try:
-        import matplotlib  # noqa: F401
-
-        from benchmarks.accuracy.plots import draw_scatter, draw_survey, draw_vibration
-    except ImportError as error:
-        raise MjframesError(
-            'the report needs matplotlib, which is not installed; pip install "mjframes[plot,harmonic]".'
-        ) from error
+    optional("matplotlib", "the report", "plot,harmonic")
     start = time.perf_counter()
     progress("finite elements")
     bodies = all_bodies(quick)

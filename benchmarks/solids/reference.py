@@ -20,6 +20,7 @@ from benchmarks.solids.cases import Case, all_cases
 from benchmarks.solids.processes import by_name
 from mjframes.base.cache import cached
 from mjframes.base.errors import MjframesError
+from mjframes.base.packages import optional
 from mjframes.base.rigid import rigid_motions, size_of
 
 Array = NDArray[np.float64]
@@ -144,12 +145,7 @@ def nonlinear_solution(mesh: Bricks, low: Bricks, load: Array) -> Array:
 
 def preconditioner(matrix: sparse.csr_array, mesh: Bricks) -> LinearOperator:
     """Return one cycle of multigrid for the moving nodes' matrix, of bricks of order 1."""
-    try:
-        import pyamg
-    except ImportError as error:
-        raise MjframesError(
-            'the report needs pyamg, which is not installed; pip install "mjframes[report]".'
-        ) from error
+    pyamg = optional("pyamg", "the report", "harmonic")
     blocks = sparse.csr_matrix(matrix)
     if not mesh.mirrored:  # then a node moves along all of its axes, or along none
         blocks = sparse.bsr_matrix(blocks, blocksize=(3, 3))

@@ -12,8 +12,8 @@ from rich.table import Table
 from benchmarks.speed.step_scenes import BARE, OURS, SCENES, TIMESTEP
 from benchmarks.speed.steps import Speed, growth, of, over_bare
 from benchmarks.tables import table_of
-from mjframes.base.errors import MjframesError
 from mjframes.base.files import replacing
+from mjframes.base.packages import optional
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,10 +132,9 @@ def draw_steps(speeds: Sequence[Speed], path: str | os.PathLike[str]) -> None:
 
     Raise MjframesError without matplotlib.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MjframesError('a plot needs matplotlib, which is not installed; pip install "mjframes[plot]".') from error
+    optional("matplotlib", "a plot", "plot")
+    from matplotlib.figure import Figure
+
     widths = (3, 2) if of(speeds, body=BEAM) else (3,)
     figure = Figure(figsize=(2 * sum(widths), 4), layout="constrained")
     panels = figure.subplots(1, len(widths), sharey=True, width_ratios=widths, squeeze=False)[0]
