@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import os
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
 from mjframes.base.files import replacing
@@ -21,6 +23,17 @@ def screen() -> Console:
     if not console.is_terminal:
         console.width = 200  # tables are as wide as they need; a pipe's 80 columns would break them
     return console
+
+
+@contextmanager
+def advancing(what: str, total: int) -> Iterator[tuple[Console, Callable[..., None]]]:
+    """Show on a terminal's stderr how much is done.  Yield where else to print there, and what tells of a step, or of
+    so many.
+    """
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=total)
+        yield console, lambda steps=1: progress.advance(task, steps)
 
 
 def show(console: Console, table: Table, note: str = "") -> None:

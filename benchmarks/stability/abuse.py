@@ -10,18 +10,16 @@ python -m benchmarks.stability.abuse 10000 --seed 0
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from benchmarks.stability.apart import Report, reports, told
 from benchmarks.stability.edits import EDITS, World
+from benchmarks.tables import advancing
 from mjframes.base.errors import MjframesError
 from mjframes.base.texts import count, seed
 from mjframes.body.build import build
@@ -84,9 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=seed, default=0, help="of the first of these scenes (default %(default)s)")
     arguments = parser.parse_args(argv)
     edits, first = arguments.edits, arguments.seed
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("editing scenes", total=edits)
-        report = abused(edits, first, lambda done: progress.advance(task, done))
+    with advancing("editing scenes", edits) as (_, advance):
+        report = abused(edits, first, advance)
     last = first - 1 + -(-edits // LENGTH)
     return told(report, f"{report.done} edits of scenes with the seeds {first} to {last}")
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from multiprocessing.pool import Pool
+
+import mujoco
 
 from mjframes.base.threads import workers
 
@@ -52,6 +56,16 @@ def reports(program: Callable[[int], Report], seeds: range, length: int) -> Iter
                 yield pool.submit(program, seed).result()
             except BrokenProcessPool:
                 yield Report(length, (f"seed {seed}: the process died.",))
+
+
+def quiet_pool(processes: int) -> Pool:
+    """Return processes for what counts MuJoCo's warnings itself; Ctrl-C is their parent's."""
+    return multiprocessing.get_context("spawn").Pool(processes, _quiet)
+
+
+def _quiet() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    mujoco.set_mju_user_warning(lambda message: None)  # else it goes to stderr and MUJOCO_LOG.TXT
 
 
 def told(report: Report, what: str) -> int:

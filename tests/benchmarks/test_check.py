@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.stability import check
+from benchmarks.stability.check import __main__ as command
 from benchmarks.stability.check import trial
-from benchmarks.stability.check.__main__ import main
-from benchmarks.stability.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, Case
+from benchmarks.stability.check.cases import DISTURBANCES, FREE, HEAVY, IMPACT, KINDS, Case, all_cases, few_cases
 from benchmarks.stability.check.report import table
 from benchmarks.stability.check.trial import Outcome, run
 from benchmarks.stability.states import misfit
@@ -153,19 +152,19 @@ def test_soft_rigid_frames_that_spin_up_gain_nothing_with_implicit() -> None:
 
 
 def test_every_case_has_a_state_of_its_own() -> None:
-    cases = check.all_cases()
+    cases = all_cases()
     assert len({tuple(case.seed) for case in cases}) == len(cases)
     assert {case.disturbance for case in cases} == set(DISTURBANCES)
     assert max(case.stiffest for case in cases) <= 1e12
-    assert set(check.few_cases()) <= set(cases)
+    assert set(few_cases()) <= set(cases)
 
 
 def test_command_prints_and_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     cases = [Case(COROTATIONAL, 1e6, 1 / 30, "scrambled"), Case(BY_NAME["neo-hookean"], 1e12, 1 / 30, "stretched 10×")]
-    monkeypatch.setattr(check, "few_cases", lambda: cases)
-    assert main(["--quick", "--out", str(tmp_path / "new")]) == 0
+    monkeypatch.setattr(command, "few_cases", lambda: cases)
+    assert command.main(["--quick", "--out", str(tmp_path / "new")]) == 0
     printed, said = capfd.readouterr()
     assert "2 runs: 2 survive, 2 recover their shape of rest." in printed
     assert said == ""

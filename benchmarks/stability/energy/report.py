@@ -11,7 +11,7 @@ from rich.table import Table
 from benchmarks.stability.energy.loops import LIMIT as LOOP_LIMIT
 from benchmarks.stability.energy.motions import LIMIT, MOTIONS
 from benchmarks.stability.energy.trial import GAIN, LOOP, MADE, REST, RETURN, Found, Number
-from benchmarks.tables import write_table
+from benchmarks.tables import table_of, write_table
 
 OTHERS = (
     *("total", "motion", "turned", "moved_J", "mismatch", "doubt", "order"),
@@ -33,10 +33,8 @@ SHOWN = 12  # of the worst runs
 
 def table(found: Sequence[Found]) -> Table:
     """Return a table with a line for each body: the worst of each motion, with its step in ms and run."""
-    shown = Table(title="Energy from nothing, to what moves", title_justify="left", box=None, pad_edge=False)
-    shown.add_column("")
-    for column in ("frames", "E [Pa]", *MOTIONS, "loops", MADE, "return", "rests"):
-        shown.add_column(column, justify="right")
+    columns = ("frames", "E [Pa]", *MOTIONS, "loops", MADE, "return", "rests")
+    shown = table_of("Energy from nothing, to what moves", *columns)
     for body in found:
         gains = [_worst(body.of(GAIN, name)) for name in MOTIONS]
         back = [number.passes for number in body.of(RETURN)]
