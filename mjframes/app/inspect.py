@@ -3,7 +3,6 @@
 stiffness: Young's modulus E.  distance: to the nearest frame, in that frame's Voronoi cell.
 weight_i: each frame's shape function w_i.  frames: where frames and regions are.  regions: §5.3.
 error: where displacements miss those of the finite elements, as far as that is known.
-spectrum: error of the regions, eigenvalues of their K_e, natural frequencies √eig(M⁻¹K)/2π of all together.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 
 from mjframes.app.pictures.keys import NO_COLOR, NOTHING, Bar, categorical
 from mjframes.app.pictures.page import HEIGHT, RESOLUTION, WIDTH, Marks, Picture, draw_page
-from mjframes.app.pictures.spectrum import draw_spectrum
 from mjframes.app.pictures.surface import surface_of
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import MjframesError
@@ -69,8 +67,6 @@ def draw_pictures(
     for picture in field_pictures(body, grid):
         progress(picture.name)
         write(picture.name, lambda figure, picture=picture: draw_page(figure, picture, grid, surface, caption))
-    progress("spectrum")
-    write("spectrum", lambda figure: draw_spectrum(figure, body, caption))
     return written
 
 

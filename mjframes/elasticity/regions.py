@@ -32,12 +32,10 @@ class Regions:
 
     label: (n,) int32, the region of each voxel.
     frames: the frames of each, ascending.
-    fit_error: (r,) rms over its voxels of the norm of the weights' residuals from their linear fit.
     """
 
     label: NDArray[np.int32]
     frames: tuple[tuple[int, ...], ...]
-    fit_error: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +78,7 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
                 heappush(worst_first, (-half.residual, number))
     for e, part in enumerate(parts):
         label[part.voxels] = e
-    return Regions(label, tuple(frames), np.array([p.fit_error for p in parts]))
+    return Regions(label, tuple(frames))
 
 
 def renumbered(regions: Regions, order: NDArray[np.integer]) -> Regions:
@@ -104,12 +102,6 @@ def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np
     """
     label, first = distinct_rows(weights.indptr, weights.indices)
     return label, weights[first].toarray() > 0
-
-
-def fit_errors(grid: Grid, weights: sparse.csr_array, label: NDArray[np.int32], regions: int) -> NDArray[np.float64]:
-    """Return `Regions.fit_error` (r,) of weights (n, f) in the regions (n,) of the voxels, 0 in empty ones."""
-    parts = (_part(grid, weights, voxels) if len(voxels) else None for voxels in members_of(label, regions))
-    return np.array([part.fit_error if part else 0.0 for part in parts])
 
 
 def _without_films(

@@ -44,11 +44,6 @@ class Stiffness:
     volume: NDArray[np.float64]
     shares: tuple[NDArray[np.float64], ...] = ()
 
-    @property
-    def spectrum(self) -> tuple[NDArray[np.float64], ...]:
-        """Return the eigenvalues (3m,) of each K_e, ascending [N/m]: six zeros, then the softest ways to strain."""
-        return tuple(np.asarray(np.linalg.eigvalsh(matrix), np.float64) for matrix in self.matrix)
-
 
 def region_stiffness(grid: Grid, shapes: ShapeFunctions, regions: Regions, tree: Tree) -> Stiffness:
     """Return the stiffness matrix and the mean gradients of every region, at rest."""

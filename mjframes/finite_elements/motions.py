@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from mjframes.base.rigid import rigid_motions, size_of
 from mjframes.finite_elements import conjugate, kernels
-from mjframes.finite_elements.batch import Array, LoadBatch, Progress, averages, in_rounds, reporter
+from mjframes.finite_elements.batch import Array, LoadBatch, averages, in_rounds
 from mjframes.finite_elements.matrices import Floats
 from mjframes.finite_elements.solver import BodySolver
 
@@ -53,12 +53,11 @@ def motions(
     solver: BodySolver,
     functions: sparse.csr_array,
     blocks: NDArray[np.integer] | None = None,
-    progress: Progress = lambda done, of: None,
-    tolerance: float = TOLERANCE,
 ) -> Motions:
     """Return what motions of the held pieces do, or those of the whole body where none is held.
 
-    Arguments: see `respond`. Raise MjframesError where conjugate gradients do not converge.
+    functions, blocks: see `respond`.
+    Raise MjframesError where conjugate gradients do not converge.
     """
     grid, mesh, last = solver.grid, solver.mesh, max(len(solver.held) - 1, 0)
     shift = grid.origin @ grid.axes
@@ -78,7 +77,7 @@ def motions(
         change[columns, 6 * last :] = -np.eye(6)
         change[6 * i : 6 * i + 3, 6 * last :] = -_motion(center[[i]], center[last], scale)[0]
     with threadpool_limits(1, "blas"):
-        fields, forces = _solve(solver, given, tolerance, progress)
+        fields, forces = _solve(solver, given)
     relative += (solver.centre @ fields.reshape(len(nodes), 18 * last)).reshape(relative.shape)
     energy = change.T @ (fields.T @ forces) @ change * solver.levels.unit
     moved = relative @ change
@@ -96,7 +95,7 @@ def _motion(points: Array, center: Array, scale: float) -> Array:
     return rigid_motions(points, center, scale).reshape(-1, 3, 6)
 
 
-def _solve(solver: BodySolver, given: Floats, tolerance: float, progress: Progress) -> tuple[Array, Array]:
+def _solve(solver: BodySolver, given: Floats) -> tuple[Array, Array]:
     """u and A u (3N, c) where the held nodes are displaced as `given` (N, 3, c)."""
     levels, k, count = solver.levels, solver.levels.columns, given.shape[2]
     fields, forces = (np.empty((3 * levels.nodes, count)) for _ in range(2))
@@ -117,11 +116,11 @@ def _solve(solver: BodySolver, given: Floats, tolerance: float, progress: Progre
 
         batch.residual[:] = 0
         levels.finest.subtract(u, batch.residual, batch.scratch[0], batch.lanes)
-        conjugate.solve(levels, batch, tolerance, energy)
+        conjugate.solve(levels, batch, TOLERANCE, energy)
         fields[:, some] = u.reshape(-1, k)[:, :used]
         forces[:, some] = -force.reshape(-1, k)[:, :used]
 
     batches = -(-count // k)
-    for _ in in_rounds(levels, batches, solve, reporter(progress, batches)):
+    for _ in in_rounds(levels, batches, solve, lambda: None):
         pass
     return fields, forces

@@ -101,52 +101,10 @@ def _frame(grid: Grid, moments: FrameMoments, i: int, d: int) -> tuple[NDArray[n
     return rest, np.full(d, mass / d), basis, np.tile(center, (d, 1)), np.full(d, scale)
 
 
-def monomials(control: ControlPoints, j: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the monomials (s, 10) of control points j (s,) at points (s, 3) [m]."""
-    y = (points - control.center[j]) @ control.axes / control.scale[j, None]
-    x, y, z = y.T
-    return np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=-1)
-
-
 def points_of(control: ControlPoints, frames: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the control points (m,) of `frames`, frame by frame, and the place of each one's frame there (m,)."""
     place, point = np.nonzero(control.frame == frames[:, None])
     return point, place
-
-
-def control_functions(
-    control: ControlPoints, chosen: NDArray[np.int64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return φ_j (s, j) of the control points `chosen` (j,) at points (s, 3) in volume coordinates [m]."""
-    phi = np.empty((len(points), len(chosen)))
-    for members in _by_frame(control, chosen):
-        some = monomials(control, np.full(len(points), chosen[members[0]]), points)
-        phi[:, members] = some @ control.basis[chosen[members]].T
-    return phi
-
-
-def control_function_gradients(
-    control: ControlPoints, chosen: NDArray[np.int64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return ∇φ_j (s, j, 3) [1/m], in volume coordinates, of control points `chosen` (j,) at points (s, 3) [m]."""
-    gradient = np.empty((len(points), len(chosen), 3))
-    for members in _by_frame(control, chosen):
-        j = chosen[members]
-        slope = control.basis[j] / control.scale[j, None]  # of monomials in y = axesᵀ (p − c) / scale
-        if not slope[:, 4:].any():
-            gradient[:, members] = slope[:, 1:4] @ control.axes.T
-            continue
-        x, y, z = ((points - control.center[j[0]]) @ control.axes / control.scale[j[0]]).T
-        one, none = np.ones_like(x), np.zeros_like(x)
-        along = np.stack(
-            [
-                np.stack([none, one, none, none, 2 * x, none, none, y, none, z]),
-                np.stack([none, none, one, none, none, 2 * y, none, x, z, none]),
-                np.stack([none, none, none, one, none, none, 2 * z, none, y, x]),
-            ]
-        )
-        gradient[:, members] = np.einsum("jl,als,ba->sjb", slope, along, control.axes, optimize=True)
-    return gradient
 
 
 def control_weights(
@@ -196,9 +154,3 @@ def _multiply(
                     total += basis[j, q] * monomial[q]
                 column[at], value[at] = j, weight[t] * total
                 at += 1
-
-
-def _by_frame(control: ControlPoints, chosen: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Places in `chosen` of the points of each frame, which share center and scale."""
-    frame = control.frame[chosen]
-    return [np.flatnonzero(frame == i) for i in np.unique(frame)]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjframes.base.errors import MjframesError
 from mjframes.base.sampling import farthest_points
 from mjframes.surface.isosurface import Surface
 
@@ -21,30 +20,25 @@ FLAT = 0.999  # [-] cosine of a triangle's normal to an axis: flat sides have it
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
-    """Points of the surface.
+    """Points of the surface, the most important first: for every n the first n cover the surface evenly.
 
     positions: (s, 3) volume coordinates [m].
     normals: (s, 3) of the surface at each, outward.
-    rank: (s,) int, 0 for the most important: for every n the points of rank below n cover the surface evenly.
     """
 
     positions: np.ndarray
     normals: np.ndarray
-    rank: np.ndarray
 
     def sorted(self, order: np.ndarray) -> ContactPoints:
         """Return the same in another order (s,)."""
-        return ContactPoints(self.positions[order], self.normals[order], self.rank[order])
+        return ContactPoints(self.positions[order], self.normals[order])
 
 
 def contact_points(surface: Surface, spacing: float, axes: np.ndarray, count: int = 600) -> ContactPoints:
     """Return points at `count` vertices of the surface at most: extreme ones first, then farthest points.
 
     spacing: of the voxels, the smallest [m].  axes: (3, 3) of the volume, along which its flat sides are.
-    Raise MjframesError if count < 1.
     """
-    if count < 1:
-        raise MjframesError(f"count is {count!r}; contact needs one point or more.")
     mesh = surface.mesh
     normals = mesh.vertex_normals
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
@@ -62,7 +56,7 @@ def contact_points(surface: Surface, spacing: float, axes: np.ndarray, count: in
             away = np.sign(toward[vertex, side] @ axes)[others]
             positions.append(surface.vertices[vertex] + BESIDE * spacing * axes[:, others] @ away)
             facing.append((1 if side < 3 else -1) * axes[:, side % 3])
-    return ContactPoints(np.array(positions), np.array(facing), np.arange(len(positions)))
+    return ContactPoints(np.array(positions), np.array(facing))
 
 
 def _sides(surface: Surface, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

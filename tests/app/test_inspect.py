@@ -20,7 +20,6 @@ from mjframes.app.inspect import draw_pictures, field_pictures
 from mjframes.app.pictures.keys import categorical
 from mjframes.app.pictures.page import draw_page
 from mjframes.app.pictures.slices import axis_name, bounds, directions, draw_cut
-from mjframes.app.pictures.spectrum import natural_frequencies, region_spectra
 from mjframes.app.pictures.surface import draw_surface, surface_of, view_direction
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
@@ -48,10 +47,10 @@ def gel(*shape: int, **rest: object) -> Volume:
 def test_the_command_writes_every_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     build(gel(6, 4, 1), 1).save(str(tmp_path / "gel.npz"))
     assert main(["inspect", str(tmp_path / "gel.npz")]) == 0
-    names = {"stiffness", "distance", "weight_0", "frames", "regions", "error", "spectrum"}
+    names = {"stiffness", "distance", "weight_0", "frames", "regions", "error"}
     folder = tmp_path / "gel-pictures"
     assert {path.name for path in folder.iterdir()} == {f"{name}.png" for name in names}
-    assert f"{folder}: 7 pictures" in capsys.readouterr().out
+    assert f"{folder}: 6 pictures" in capsys.readouterr().out
     for path in folder.iterdir():
         image = matplotlib.image.imread(path)
         assert image.shape[:2] == (984, 1800)
@@ -195,15 +194,3 @@ def test_colours_of_numbers_differ() -> None:
     apart = np.linalg.norm(colors[:, None] - colors, axis=2) + np.eye(60)
     assert apart.min() > 0.02
     assert min(apart[k, k + 1] for k in range(59)) > 0.25
-
-
-def test_spectra() -> None:
-    """A free block has six motions without energy; stretched along x, two frames move on a spring EA/l."""
-    body = build(gel(20, 2, 2), 2)
-    for values in region_spectra(body):
-        assert np.all(values > -1e-9 * values[-1])
-    frequency = natural_frequencies(body)
-    assert np.count_nonzero(frequency == 0) == 6
-    # the slowest is bending: of a free beam ω = 22.37 √(EI/(ρA)) / l²; shear takes 2 % of it
-    exact = 22.37 * np.sqrt(1e4 * 0.02**2 / 12 / 1000) / 0.2**2 / (2 * np.pi)
-    assert frequency[6] == pytest.approx(exact, rel=0.03)

@@ -9,15 +9,8 @@ from scipy import sparse
 
 from mjframes.base.errors import MjframesError
 from mjframes.frames.placement import place_frames
-from mjframes.kinematics.control import (
-    POINTS,
-    control_function_gradients,
-    control_functions,
-    control_points,
-    control_weights,
-    frame_types,
-    points_of,
-)
+from mjframes.kinematics.control import POINTS, ControlPoints, control_points, control_weights, frame_types, points_of
+from mjframes.kinematics.gradients import product_rule
 from mjframes.volume.grid import Grid, voxel_grid
 from mjframes.weights.voronoi import voronoi_weights
 
@@ -42,11 +35,17 @@ def corners(grid: Grid) -> np.ndarray:
 GAUSS = np.einsum("a,b,c->abc", *[[5 / 18, 8 / 18, 5 / 18]] * 3).ravel()
 
 
+def functions(control: ControlPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """φ_j (s, k) and ∇φ_j (s, k, 3) at points (s, 3): what the weights 1 make."""
+    shape = len(points), control.frame[-1] + 1
+    return product_rule(control, np.arange(shape[1]), np.ones(shape), np.zeros((*shape, 3)), points)
+
+
 def test_control_points_are_equimomental(case):
     grid, weights = case
     control = control_points(grid, weights, MIXED_TYPES)
     k = len(control.frame)
-    phi = control_functions(control, np.arange(k), corners(grid)).reshape(len(grid.index), 27, k)
+    phi = functions(control, corners(grid))[0].reshape(len(grid.index), 27, k)
     share = weights.toarray() * grid.density[:, None] * grid.cell_volume
     for i, mass in enumerate(share.sum(axis=0)):
         own = phi[:, :, control.frame == i]
@@ -61,11 +60,11 @@ def test_control_points_are_equimomental(case):
 def test_gradients_are_those_of_the_functions(case):
     grid, weights = case
     control = control_points(grid, weights, MIXED_TYPES)
-    chosen, step = np.arange(len(control.frame)), 1e-6 * np.eye(3) * grid.spacing
-    gradient = control_function_gradients(control, chosen, grid.centers)
+    step = 1e-6 * np.eye(3) * grid.spacing
+    gradient = functions(control, grid.centers)[1]
     for axis in range(3):
-        ahead = control_functions(control, chosen, grid.centers + step[axis])
-        behind = control_functions(control, chosen, grid.centers - step[axis])
+        ahead, _ = functions(control, grid.centers + step[axis])
+        behind, _ = functions(control, grid.centers - step[axis])
         slope = (ahead - behind) / (2 * step[axis, axis])
         np.testing.assert_allclose(gradient[:, :, axis], slope, atol=1e-6 * np.abs(gradient).max())
 
@@ -81,10 +80,10 @@ def test_wrong_types_are_refused(types, words):
 def test_control_functions_reproduce_points(case):
     grid, weights = case
     control = control_points(grid, weights, MIXED_TYPES)
+    phi, _ = functions(control, grid.centers)
     for i in range(4):
-        chosen = np.flatnonzero(control.frame == i)
-        phi = control_functions(control, chosen, grid.centers)
-        np.testing.assert_allclose(phi @ control.rest[chosen], grid.centers, atol=1e-12)
+        own = control.frame == i
+        np.testing.assert_allclose(phi[:, own] @ control.rest[own], grid.centers, atol=1e-12)
 
 
 def test_mass_and_centre_of_mass_are_kept(case):
@@ -103,7 +102,7 @@ def test_control_weights_reproduce_points(case):
     found = control_weights(weights[rows], control, points).toarray()
     np.testing.assert_allclose(found.sum(axis=1), 1, atol=1e-12)
     np.testing.assert_allclose(found @ control.rest, points, atol=1e-12)
-    expected = weights.toarray()[rows][:, control.frame] * control_functions(control, np.arange(16), points)
+    expected = weights.toarray()[rows][:, control.frame] * functions(control, points)[0]
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 

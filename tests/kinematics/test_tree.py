@@ -86,7 +86,7 @@ def test_frames_without_coupling_hang_under_the_root():
 def test_renumbering_moves_weights_regions_and_tree_alike():
     tree = Tree(parent=np.array([2, 0, -1, 2]), order=np.array([2, 0, 1, 3]))
     old = np.array([[0.1, 0.2, 0.7, 0], [0, 0, 0.4, 0.6]])
-    regions = Regions(np.array([0, 1], np.int32), ((0, 1, 2), (2, 3)), np.zeros(2))
+    regions = Regions(np.array([0, 1], np.int32), ((0, 1, 2), (2, 3)))
     weights, renumbered = depth_first(sparse.csr_array(old), tree)
     assert renumbered.order.tolist() == [0, 1, 2, 3]
     assert renumbered.parent.tolist() == [-1, 0, 1, 0]
