@@ -18,6 +18,7 @@ from mjframes.app.dented import skin_vertices
 from mjframes.app.drawn import skin_faces
 from mjframes.scene.instability import spread
 from mjframes.scene.view import Soft
+from mjframes.volume.meshes import winding_number
 
 Array = NDArray[np.float64]
 
@@ -103,23 +104,10 @@ def overlap(first: Array, second: Array, least: float) -> float:
         return 0.0
     steps = (np.arange(POINTS) + 0.5) / POINTS
     points = low + sides * np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    both = _inside(first, points)
-    both[both] = _inside(second, points[both])
+    both = winding_number(points, first) > 0.5
+    both[both] = winding_number(points[both], second) > 0.5
     return float(both.mean() * sides.prod() / smaller)
 
 
 def _volume(surface: Array) -> float:
     return float(np.linalg.det(surface - surface[0, 0]).sum()) / 6
-
-
-def _inside(surface: Array, points: Array) -> NDArray[np.bool_]:
-    """Whether each point (n, 3) is inside of a closed surface (m, 3, 3)."""
-    angle = np.zeros(len(points))
-    for i, point in enumerate(points):
-        a, b, c = (surface - point).transpose(1, 0, 2)
-        p, q, r = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        across = np.einsum("ij,ij->i", a, np.cross(b, c))
-        along = p * q * r + r * np.einsum("ij,ij->i", a, b)
-        along += p * np.einsum("ij,ij->i", b, c) + q * np.einsum("ij,ij->i", c, a)
-        angle[i] = 2 * np.arctan2(across, along).sum()
-    return angle > 2 * np.pi

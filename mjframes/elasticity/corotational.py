@@ -197,18 +197,19 @@ class CorotationalRegion:
                     least, best = found, rotation
         return start @ best
 
-    def spin(self, x: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ω (3,) [rad/s], dR/dt = R [ω]×, while the region's points at x (m, 3) [m] move by v (m, 3) [m/s].
+    def spin(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return Ω (3, m, 3) [1/m]: dR/dt = R [ω]×, ω = Σ_j Ω_j v_j, while points at x (m, 3) [m] move by v (m, 3) [m/s].
 
         The torque Zᵀ ∂W/∂y stays zero: with w = ∂W/∂y, z = Rᵀx and u = Rᵀv, (Zᵀ H Z + T) ω = Zᵀ H u + Σ_j u_j × w_j.
         """
         rotation = self.rotation(x)
-        z, u = self._centred(x) @ rotation, self._centred(v) @ rotation
+        z = self._centred(x) @ rotation
         _, slope, curvature = self._energy(z)
-        stack = cross_stack(z)
-        moment = stack.T @ curvature @ u.ravel() + np.cross(u, slope.reshape(-1, 3)).sum(axis=0)
-        twist = stack.T @ curvature @ stack + stress_twist(z.T @ slope.reshape(-1, 3))
-        return np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True) @ moment
+        stack, w = cross_stack(z), slope.reshape(-1, 3)
+        moment = (stack.T @ curvature).reshape(3, -1, 3) + np.einsum("iab,ja->ijb", CROSS, w)
+        moment -= moment.mean(axis=1, keepdims=True)  # v less its mean
+        twist = stack.T @ curvature @ stack + stress_twist(z.T @ w)
+        return np.tensordot(np.linalg.pinv(twist, rcond=SINGULAR, hermitian=True), moment @ rotation.T, 1)
 
     def energy(self, x: NDArray[np.float64]) -> float:
         """Return W [J]."""

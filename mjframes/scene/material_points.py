@@ -72,11 +72,27 @@ class Group:
         """Return d/dt R Φ T y (s, 3) while the control points move by v (k, 3) [m/s]."""
         if not isinstance(region, CorotationalRegion) or not len(self.share):
             return np.zeros((len(self.rows), 3))
+        R, spin, z, lifted = self._turning(region, x)
+        rate = np.tensordot(spin, v[self.points])
+        change = self.share @ ((v[self.points] @ R) - np.cross(rate, z)).ravel()
+        return (self.mode @ change + np.cross(rate, lifted)) @ R.T
+
+    def lifted_forces(self, region: Region, x: Array, forces: Array) -> Array:
+        """Return (m, 3) [N] on the region's points, with the power of `forces` (s, 3) [N] on R Φ T y."""
+        if not isinstance(region, CorotationalRegion) or not len(self.share):
+            return np.zeros((len(self.points), 3))
+        R, spin, z, lifted = self._turning(region, x)
+        own = forces @ R
+        on_points = (self.share.T @ np.tensordot(self.mode, own, ((0, 1), (0, 1)))).reshape(-1, 3)
+        torque = np.cross(lifted, own).sum(axis=0) - np.cross(z, on_points).sum(axis=0)
+        return on_points @ R.T + np.tensordot(torque, spin, 1)
+
+    def _turning(self, region: CorotationalRegion, x: Array) -> tuple[Array, Array, Array, Array]:
+        """R (3, 3), how it turns with the points (3, m, 3) [1/m], z = Rᵀ x (m, 3) [m] and Φ T y (s, 3) [m]."""
         own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
-        R, spin = region.rotation(own), region.spin(own, v[self.points])
+        R = region.rotation(own)
         z = own @ R
-        change = self.share @ ((v[self.points] @ R) - np.cross(spin, z)).ravel()
-        return (self.mode @ change + np.cross(spin, self.mode @ (self.share @ (z - rest).ravel()))) @ R.T
+        return R, region.spin(own), z, self.mode @ (self.share @ (z - rest).ravel())
 
 
 def _about_mean(points: Array) -> Array:
@@ -122,12 +138,7 @@ class MaterialPoints:
         """Return (k, 3) [N] on control points at x (k, 3) [m], with the power of `forces` (n, 3) [N] on the points."""
         total = self.weights.T @ forces
         for group in self.groups:
-            pushed = forces[group.rows]
-            for j in group.points if len(group.share) else ():
-                for axis in range(3):
-                    unit = np.zeros_like(x)
-                    unit[j, axis] = 1
-                    total[j, axis] += (pushed * group.lifted_velocity(regions[group.region], x, unit)).sum()
+            total[group.points] += group.lifted_forces(regions[group.region], x, forces[group.rows])
         return total
 
     def deformation_gradients(self, regions: Sequence[Region], x: Array) -> Array:

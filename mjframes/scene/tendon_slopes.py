@@ -32,6 +32,7 @@ from mjframes.finite_elements.element import CORNERS
 from mjframes.finite_elements.solver import BodySolver, body_solver
 from mjframes.volume.grid import Grid, voxel_grid
 from mjframes.whole_body.superelement import degrees, frame_motions, moments
+from mjframes.whole_body.weight_correction import assembled
 
 Array = NDArray[np.float64]
 
@@ -63,12 +64,7 @@ class Elements:
     @cached_property
     def stiffness(self) -> Array:
         """(3k, 3k) K of all regions at rest."""
-        size = 3 * len(self.body.control.frame)
-        total = np.zeros((size, size))
-        for points, matrix in zip(self.body.stiffness.points, self.body.stiffness.matrix, strict=True):
-            rows = degrees(points)
-            total[np.ix_(rows, rows)] += matrix
-        return total
+        return assembled(self.body.stiffness, len(self.body.control.frame))
 
     def load(self, voxel: NDArray[np.integer], at: Array, forces: Array) -> Array:
         """Return forces (n, 3) on points `at` (n, 3) of voxels (n,), in volume coordinates, as loads on the nodes."""

@@ -33,10 +33,10 @@ PLANE = 1e-9  # [-] singular value below which points span no further direction
 CHUNK = 4096  # [voxels] at a time
 
 
-def assembled(stiffness: Stiffness, k: int, regions: int | None = None) -> Array:
-    """Return Σ_i K_i (3k, 3k) [N/m] of all regions, or the first `regions`."""
+def assembled(stiffness: Stiffness, k: int) -> Array:
+    """Return Σ_i K_i (3k, 3k) [N/m] of all regions."""
     total = np.zeros((3 * k, 3 * k))
-    for points, matrix in zip(stiffness.points[:regions], stiffness.matrix[:regions], strict=True):
+    for points, matrix in zip(stiffness.points, stiffness.matrix, strict=True):
         total[np.ix_(degrees(points), degrees(points))] += matrix
     return total
 
