@@ -277,12 +277,14 @@ PointState Sensor::StateOf(const SoftBody& body, const std::vector<Mat3>& rotati
 
 void Sensor::Compute(const mjModel* m, mjData* d) {
   mjtNum* out = d->sensordata + address_;
+  SoftBody* body = GetSoftBody(d, soft_);
+  const bool of_contacts = taxels_ || quantity_ == kContactForce;
+  if (of_contacts && body->kinematics().Asleep(m, d)) return;  // its contacts have no rows: the last values stay
   if (quantity_ == kContactForce) {
     const Vec3 force = ContactForce(m, d, soft_);
     std::copy(force.begin(), force.end(), out);
     return;
   }
-  SoftBody* body = GetSoftBody(d, soft_);
   body->Locate(m, d);
   if (taxels_) return StoreTaxels(m, d, *body, out);
   if (quantity_ == kPosition) places_.StorePositions(body, d, out);

@@ -183,6 +183,8 @@ class BuildOptions:
             )
         if not (isinstance(self.seed, (int, np.integer)) and self.seed >= 0):
             raise MjframesError(f"seed is {self.seed!r}; it must be a whole number from 0 on.")
+        if not (self.progress is None or callable(self.progress)):
+            raise MjframesError(f"progress is {self.progress!r}; give a function that takes a text, as print.")
         types = self.frame_type
         if not isinstance(types, (str, Sequence, np.ndarray)) or not len(types):
             raise MjframesError(f"frame_type is {types!r}; give one type, or a sequence with one for each frame.")

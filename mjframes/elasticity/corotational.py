@@ -198,7 +198,7 @@ class CorotationalRegion:
         return start @ best
 
     def spin(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return Ω (3, m, 3) [1/m]: dR/dt = R [ω]×, ω = Σ_j Ω_j v_j, while points at x (m, 3) [m] move by v (m, 3) [m/s].
+        """Return Ω (3, m, 3) [1/m]: dR/dt = R [ω]× with ω = Σ_j Ω_j v_j, of points at x (m, 3) [m] and velocities v_j.
 
         The torque Zᵀ ∂W/∂y stays zero: with w = ∂W/∂y, z = Rᵀx and u = Rᵀv, (Zᵀ H Z + T) ω = Zᵀ H u + Σ_j u_j × w_j.
         """

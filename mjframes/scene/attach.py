@@ -126,6 +126,8 @@ def attach(
         raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
     if name == "world":
         raise MjframesError("name is 'world', which MuJoCo calls the world's body; give another name.")
+    if spec.body(name) is not None:
+        raise MjframesError(f"name is {name!r}, which a body of the scene has already; give another name.")
     if tendons is not None and not isinstance(tendons, Mapping):
         raise MjframesError(
             f"tendons is a {type(tendons).__name__}; give a dictionary of Chamber, Fibre and Muscle by name."

@@ -74,9 +74,9 @@ class Contact:
             if values is None:
                 continue
             shortest = length if name == "solref" else 1
-            if np.ndim(values) > 1 or not (shortest <= np.size(values) <= length and all(map(is_number, values))):
+            if np.ndim(values) != 1 or not (shortest <= np.size(values) <= length and all(map(is_number, values))):
                 counts = f"{shortest} to {length}" if shortest < length else f"{length}"
-                raise MjframesError(f"{name} is {values!r}; give {counts} finite numbers.")
+                raise MjframesError(f"{name} is {values!r}; give a sequence of {counts} finite numbers.")
         if self.friction is not None and np.min(self.friction) < 0:
             raise MjframesError(f"friction is {self.friction!r}; its coefficients must be ≥ 0.")
         if self.solref is not None and (self.solref[0] > 0) != (self.solref[1] > 0):

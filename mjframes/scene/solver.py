@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 
 import mujoco
 
+from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
 FEW = 300  # degrees of freedom up to which dense Newton is faster than sparse conjugate gradients: 1.0 times at 240
@@ -41,7 +42,14 @@ def choose_solver(spec: mujoco.MjSpec) -> None:
     ----------
     spec
         The scene to change.
+
+    Raises
+    ------
+    MjframesError
+        For what is no `MjSpec`, as a compiled model.
     """
+    if not isinstance(spec, mujoco.MjSpec):
+        raise MjframesError(f"spec is a {type(spec).__name__}; give the scene as an MjSpec, before it is compiled.")
     freedom = sum(JOINTS[mujoco.mjtJoint(joint.type)] for joint in spec.joints)
     spec.option.solver, spec.option.jacobian = _best(freedom)
     if _has_idle_midphase(len(spec.flexes), _bodies_of(spec)):

@@ -353,8 +353,10 @@ class Soft:
         Raise MjframesError for forces of another shape, and for points that are not of the material.
         """
         some, force = self._at(points), np.asarray(forces, np.float64)
-        if force.shape != some.offset.shape or not np.isfinite(force).all():
+        if force.shape != some.offset.shape:
             raise MjframesError(f"forces have the shape {force.shape}; give one (x, y, z) in newtons for each point.")
+        if not np.isfinite(force).all():
+            raise MjframesError("forces has numbers that are not finite; give newtons.")
         on_points = some.control_forces(self._elastic[1], self._local, force @ self._axes) @ self._axes.T
         for body, at, push in zip(self.bodies.tolist(), self.control_positions, on_points, strict=True):
             mujoco.mj_applyFT(self.model, self.data, push, np.zeros(3), at, body, self.data.qfrc_applied)

@@ -269,6 +269,7 @@ def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> 
                 {"vary": {"ball.flesh": (1, 2)}},
                 "vary has 'ball.flesh', but what of 'ball' can vary is: stiffness, .*, yaw.",
             ),
+            ({"vary": {"steak.flesh": (1, 2)}}, "the scene has no body 'steak'; its soft bodies are: 'lump'"),
             ({"vary": {"lump.stiffness": (0, 1)}}, "vary of 'lump.stiffness' goes from 0; factors are positive"),
             ({"vary": {"lump.x": (1, 0)}}, r"vary of 'lump.x' is \(1, 0\); give two numbers, the lower one first"),
             ({"vary": [("lump.x", (0, 1)), ("lump.x", (0, 2))]}, "vary has 'lump.x' twice"),

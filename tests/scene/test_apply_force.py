@@ -66,7 +66,7 @@ def test_a_push_moves_the_body_by_its_mass() -> None:
     ("points", "forces", "words"),
     [
         ([[0.06, 0.02, 0.02]], [1.0, 2.0], "forces have the shape \\(2,\\); give one \\(x, y, z\\) in newtons"),
-        ([[0.06, 0.02, 0.02]], [[np.nan, 0, 0]], "forces have the shape"),
+        ([[0.06, 0.02, 0.02]], [[np.nan, 0, 0]], "forces has numbers that are not finite; give newtons"),
         ([[9.0, 0, 0]], [[1.0, 0, 0]], "points\\[0\\] is .* voxels outside the volume"),
     ],
 )

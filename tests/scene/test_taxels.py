@@ -409,3 +409,15 @@ def test_a_light_block_that_lies_flat_presses_evenly() -> None:
     pressure = read(data, "pressure").reshape(8, 8)
     assert 0.005**2 * pressure.sum() == pytest.approx(9.81 * model.body("pad").subtreemass[0], rel=1e-3)
     assert np.ptp(pressure[1:-1, 1:-1]) < 0.15 * pressure.mean()
+
+
+def test_what_sleeps_feels_what_it_felt_last() -> None:
+    spec = feeling(pad(3, glued=False), grid(0.01, (4, 4), (*TOP[:2], -SPACING)), mf.Contact(), gravity=True)
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 1), pos=(0, 0, -SPACING))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 2000)
+    assert data.ntree_awake == 0
+    weight = 9.81 * model.body_mass.sum()
+    assert data.sensor("pad_contact_force").data[2] == pytest.approx(weight, rel=0.01)

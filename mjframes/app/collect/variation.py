@@ -23,6 +23,7 @@ from mjframes.app.collect.options import Bounds
 from mjframes.base.errors import MjframesError
 from mjframes.scene.moving import Movable, movable
 from mjframes.scene.scaling import materials, scale
+from mjframes.scene.view import soft_names
 
 STIFFNESS, DAMPING = "stiffness", ("alpha", "beta")
 SHIFTS, TURNS = ("x", "y", "z"), ("roll", "pitch", "yaw")
@@ -70,6 +71,9 @@ def variations(model: mujoco.MjModel, vary: Sequence[tuple[str, Bounds]]) -> tup
         if one.is_factor and bounds[0] <= 0:
             raise MjframesError(f"vary of {name!r} goes from {bounds[0]:g}; factors are positive, as 0.5:2.")
         known = materials(model, body)
+        if what not in KEYS and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
+            have = ", ".join(map(repr, soft_names(model))) or "none"
+            raise MjframesError(f"vary has {name!r}, but the scene has no body {body!r}; its soft bodies are: {have}.")
         if what not in KEYS and [what in (called, str(label)) for label, called in known.items()].count(True) != 1:
             can = ", ".join([*KEYS, *(called or str(label) for label, called in known.items())])
             raise MjframesError(f"vary has {name!r}, but what of {body!r} can vary is: {can}.")
