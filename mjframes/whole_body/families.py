@@ -7,8 +7,10 @@ reach over half of a bar, and a bar that a cable bends by 45° is a fifth too st
 
 The stiffness between frames that no region has together is only implied by others in between (`selection`). So frames
 that are near each other are coupled, too, nearest first, as many as cost little more than the tree's order does. Where
-all frames are coupled anyway, or short regions cost too much, as in large plates, or several pieces are held, the
-tree's order is taken.
+all frames are coupled anyway, or short regions cost too much, as in large plates, the tree's order is taken.
+
+Of several held frames only the first is eliminated last. A region of two held ends alone would carry all of a strap's
+tension from end to end, and nothing in between would get stiffer sideways.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
     """Return the parents pa(i), ascending, of each frame i; parents come before their children in the dictionary.
 
     coupled: sets of frames that share a voxel.  middle: (f, 3) of each frame.  held: how many frames, the first ones,
-    are held. They are eliminated last.
+    are held. The first of all is eliminated last.
     """
     apart = np.linalg.norm(middle[:, None] - middle, axis=2)
     apart = np.round(apart / max(ALIKE * apart.max(), np.finfo(float).tiny))
@@ -42,12 +44,12 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
     others = sorted(set(combinations(range(len(middle)), 2)) - known, key=lambda pair: (apart[pair], pair))
     tree = frame_tree(sorted(known), len(middle), held).order
     of_tree = _eliminated(known, tree[::-1].tolist())
-    if not others or held > 1:  # flesh on many moving bones, as a running rat's, lets go of them with short regions
+    if not others and held < 2:
         return of_tree
     allowed = ALLOWED * _cost(of_tree)
 
     def found(more: int) -> Families:
-        return _shortest_first(known.union(others[:more]), apart, held)
+        return _shortest_first(known.union(others[:more]), apart, min(held, 1))
 
     more = bisect_right(range(1, len(others) + 1), allowed, key=lambda count: _cost(found(count)))
     return best if _cost(best := found(more)) <= allowed else of_tree

@@ -39,13 +39,8 @@ def regions_of(
     have its voxels, nor does a frame that nothing strains, as a rigid root.
     bones: frames that hold a rigid piece, each of which gets a region of its own besides, of no voxels, against strain.
     """
-    held = [{links[i] for i in control.frame[part.points]} if part.frame < len(links) else set() for part in parts]
     firm = STILL * max(np.abs(part.matrix).max() for part in parts)
-    kept = [
-        part
-        for part, holders in zip(parts, held, strict=True)
-        if np.abs(part.matrix).max() > firm and (part.frame >= len(links) or len(holders) > 1)
-    ]
+    kept = [part for part in parts if np.abs(part.matrix).max() > firm and not _on_one(links, part, control)]
     last = {part.frame: place for place, part in enumerate(parts)}
     children = [max(some, key=last.__getitem__) for some in sets]
     between = {i for i, some in zip(children, sets, strict=True) if not _regions_with(some, kept, control)}
@@ -60,6 +55,12 @@ def regions_of(
         shares=tuple(part.shares for part in regions),
     )
     return with_rotations(stiffness, control), region[label]
+
+
+def _on_one(links: Sequence[str], part: Part, control: ControlPoints) -> bool:
+    """Whether one body holds all frames of a region, the first of which are held."""
+    frames = control.frame[part.points]
+    return bool(frames.max() < len(links)) and len({links[i] for i in frames}) == 1
 
 
 def bone_frames(grid: Grid, weights: sparse.csr_array, types: Sequence[str], held: int) -> list[int]:
