@@ -10,7 +10,8 @@ that are near each other are coupled, too, nearest first, as many as cost little
 all frames are coupled anyway, or short regions cost too much, as in large plates, the tree's order is taken.
 
 Of several held frames only the first is eliminated last. A region of two held ends alone would carry all of a strap's
-tension from end to end, and nothing in between would get stiffer sideways.
+tension from end to end, and nothing in between would get stiffer sideways. Where more frames are held than free, as in
+a running rat's flesh on its bones, short regions let go of bones that turn far: there the tree's order is taken, too.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def families(coupled: Iterable[Iterable[int]], middle: Array, held: int) -> Fami
     others = sorted(set(combinations(range(len(middle)), 2)) - known, key=lambda pair: (apart[pair], pair))
     tree = frame_tree(sorted(known), len(middle), held).order
     of_tree = _eliminated(known, tree[::-1].tolist())
-    if not others and held < 2:
+    if (not others and held < 2) or 2 * held > len(middle):
         return of_tree
     allowed = ALLOWED * _cost(of_tree)
 
