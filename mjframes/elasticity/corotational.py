@@ -197,12 +197,12 @@ class CorotationalRegion:
                     least, best = found, rotation
         return start @ best
 
-    def spin(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spin(self, x: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return Ω (3, m, 3) [1/m]: dR/dt = R [ω]× with ω = Σ_j Ω_j v_j, of points at x (m, 3) [m] and velocities v_j.
 
+        rotation: R there.
         The torque Zᵀ ∂W/∂y stays zero: with w = ∂W/∂y, z = Rᵀx and u = Rᵀv, (Zᵀ H Z + T) ω = Zᵀ H u + Σ_j u_j × w_j.
         """
-        rotation = self.rotation(x)
         z = self._centred(x) @ rotation
         _, slope, curvature = self._energy(z)
         stack, w = cross_stack(z), slope.reshape(-1, 3)

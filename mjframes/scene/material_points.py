@@ -92,7 +92,7 @@ class Group:
         own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
         R = region.rotation(own)
         z = own @ R
-        return R, region.spin(own), z, self.mode @ (self.share @ (z - rest).ravel())
+        return R, region.spin(own, R), z, self.mode @ (self.share @ (z - rest).ravel())
 
 
 def _about_mean(points: Array) -> Array:

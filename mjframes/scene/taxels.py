@@ -115,13 +115,9 @@ class TaxelGrid:
     @property
     def points(self) -> Array:
         """Return the middles (n, 3) of the taxels before they are moved to the surface, row by row [m]."""
-        rows, columns = self.shape
-        a, b = np.meshgrid(
-            (np.arange(rows) + 0.5) / rows - 0.5, (np.arange(columns) + 0.5) / columns - 0.5, indexing="ij"
-        )
         u, v, _ = self.axes
-        height, width = self.size
-        return np.asarray(self.center, np.float64) + height * a.reshape(-1, 1) * u + width * b.reshape(-1, 1) * v
+        a, b = _middles(self.size, self.shape).T
+        return np.asarray(self.center, np.float64) + a[:, None] * u + b[:, None] * v
 
     @property
     def _normal(self) -> Array:
@@ -237,17 +233,21 @@ def _around(grid: TaxelGrid, width: float) -> tuple[Array, Array]:
     What presses across the grid's edge presses them, too.
     """
     size, shape = np.array(grid.size, np.float64), np.array(grid.shape)
-    middles, areas = [np.zeros((0, 3))], [np.zeros(0)]
+    middles, areas = [np.zeros((0, 2))], [np.zeros(0)]
     while len(areas) == 1 or np.sqrt(np.prod(size / shape)) < width:
         inner, inside = -(-shape // 2), size
         shape = inner + 2 * RING
         size = size / inner * shape
-        ring = TaxelGrid(grid.center, grid.normal, size.tolist(), tuple(shape), grid.along)
-        offset = (ring.points - np.asarray(grid.center)) @ grid.axes[:2].T
-        some = ring.points[(np.abs(offset) > inside / 2).any(axis=1)]
-        middles.append(some)
-        areas.append(np.full(len(some), float(np.prod(size / shape))))
-    return np.vstack(middles), np.concatenate(areas)
+        ring = _middles(size, shape)
+        middles.append(ring[(np.abs(ring) > inside / 2).any(axis=1)])
+        areas.append(np.full(len(middles[-1]), float(np.prod(size / shape))))
+    return np.asarray(grid.center, np.float64) + np.vstack(middles) @ grid.axes[:2], np.concatenate(areas)
+
+
+def _middles(size: Sequence[float] | Array, shape: Sequence[int] | NDArray[np.integer]) -> Array:
+    """The middles (n, 2) of cells along a grid's rows and columns, from its own middle, row by row [m]."""
+    along = [extent * ((np.arange(count) + 0.5) / count - 0.5) for extent, count in zip(size, shape, strict=True)]
+    return np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def _smooth(mesh: trimesh.Trimesh, face: int, vertex: int) -> Array:

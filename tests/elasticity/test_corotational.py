@@ -153,7 +153,7 @@ def test_stiffness_is_the_curvature_of_the_energy_where_nothing_turns(solids: li
             if np.linalg.eigvalsh(rotation.T @ x.T @ solid.gradient + solid.gradient.T @ x @ rotation)[0] < 2 * FOLDED:
                 continue
             along = rng.normal(size=x.shape)
-            spin = solid.spin(x)
+            spin = solid.spin(x, rotation)
             along -= np.cross(rotation @ np.tensordot(spin, along), x)
             np.testing.assert_allclose(np.tensordot(spin, along), 0, atol=1e-9)
             _, stiffness = solid.response(x)
