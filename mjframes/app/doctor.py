@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.packages import optional
 from mjframes.scene import plugin, solver
 
@@ -101,7 +101,7 @@ def _finding(name: str, examine: Callable[[], str]) -> Finding:
     except MjframesError as error:
         return Finding(name, str(error), FAILS)
     except Exception as error:  # whatever breaks, the other lines are still wanted
-        return Finding(name, f"{type(error).__name__}: {' '.join(str(error).split())}", FAILS)
+        return Finding(name, f"{type(error).__name__}: {reason(error)}", FAILS)
 
 
 def _compiler() -> Finding:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mjframes.app.dented import skin_vertices
 from mjframes.app.hertz import Ground, hertz_force, where_it_fails
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
 from mjframes.scene import forces, scaling
@@ -135,8 +135,7 @@ def _scene(
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split())
-        raise MjframesError(f"{path}: MuJoCo cannot compile the scene with the indenter ({reason}).") from error
+        raise MjframesError(f"{path}: MuJoCo cannot compile the scene with the indenter ({reason(error)}).") from error
     return model, start(model, warnings)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.app.dented import draw_dents
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
 from mjframes.scene.load import require_data, require_model
@@ -207,9 +207,8 @@ def make_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Rend
     try:
         return mujoco.Renderer(model, height, width)
     except Exception as error:  # every backend fails in its own way
-        reason = " ".join(str(error).split())
         raise MjframesError(
-            f"MuJoCo cannot draw here with MUJOCO_GL={os.environ.get('MUJOCO_GL', '')} ({reason}); "
+            f"MuJoCo cannot draw here with MUJOCO_GL={os.environ.get('MUJOCO_GL', '')} ({reason(error)}); "
             "set MUJOCO_GL to egl or osmesa and install its library (Debian: apt-get install libegl1 libgl1)."
         ) from error
 

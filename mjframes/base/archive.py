@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.files import replacing
 from mjframes.base.memory import available_memory
 
@@ -128,9 +128,9 @@ def read_archive(path: str | os.PathLike[str], what: str, kind: str, version: in
     except OSError as error:
         raise MjframesError(f"{path}: {what} cannot be read ({error.strerror or error}).") from error
     except DAMAGED as error:
-        reason = " ".join(str(error).split()).rstrip(".")
         raise MjframesError(
-            f"{path}: the file is truncated or damaged or no {what.removeprefix('the ')} ({reason}); build it again."
+            f"{path}: the file is truncated or damaged or no {what.removeprefix('the ')} ({reason(error)}); "
+            "build it again."
         ) from error
     if str(arrays.get("kind", "")) != kind:
         raise MjframesError(

@@ -29,6 +29,11 @@ def telling_memory(function: Callable[P, R]) -> Callable[P, R]:
     return told
 
 
+def reason(error: BaseException) -> str:
+    """Return what a foreign error says, for the brackets of a sentence: on one line, without a full stop at its end."""
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+
+
 def out_of_memory(error: MemoryError) -> str:
     """Return the sentence on it."""
     reason = f" ({error})" if str(error) else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 
 
 def optional(module: str, user: str, extra: str, package: str = "") -> Any:
@@ -22,5 +22,4 @@ def optional(module: str, user: str, extra: str, package: str = "") -> Any:
             raise MjframesError(
                 f'{user} needs {name}, which is not installed; pip install "mjframes[{extra}]".'
             ) from error
-        reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        raise MjframesError(f"{user} needs {name}, which does not work ({reason}); install it anew.") from error
+        raise MjframesError(f"{user} needs {name}, which does not work ({reason(error)}); install it anew.") from error

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from mjframes.base.archive import is_archive, read_archive, write_archive
 from mjframes.base.constants import BODY_VERSION, KIND
-from mjframes.base.errors import MjframesError, telling_memory
+from mjframes.base.errors import MjframesError, reason, telling_memory
 from mjframes.base.packing import packed, restored
 from mjframes.body.check import check_body
 from mjframes.body.fields import Fields
@@ -187,9 +187,9 @@ class SoftBody:
         try:
             return unpacked(arrays)
         except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-            reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
+            fault = f"{error.args[0]} is missing" if isinstance(error, KeyError) else reason(error)
             raise MjframesError(
-                f"{path}: arrays of the soft body are missing or damaged ({reason.rstrip('.')}); build it again."
+                f"{path}: arrays of the soft body are missing or damaged ({fault}); build it again."
             ) from error
 
 

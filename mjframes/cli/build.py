@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.cli.build_arguments import given
 from mjframes.cli.notices import printed_notices
 
@@ -86,7 +86,7 @@ def _build(arguments: argparse.Namespace) -> int:
         except (ValueError, mujoco.FatalError) as error:
             if isinstance(error, MjframesError):
                 raise
-            raise MjframesError(f"MuJoCo cannot compile the soft body ({' '.join(str(error).split())}).") from error
+            raise MjframesError(f"MuJoCo cannot compile the soft body ({reason(error)}).") from error
         if output.suffix.lower() == ".npz":
             body.save(str(partial))
         else:

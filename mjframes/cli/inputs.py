@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mjframes.base.errors import MjframesError, Notice
+from mjframes.base.errors import MjframesError, Notice, reason
 from mjframes.elasticity.law_table import LAWS
 from mjframes.volume.images import read_image
 from mjframes.volume.label_names import label_names
@@ -125,7 +125,7 @@ def read_materials(path: str) -> Materials:
     except _Repeated as error:
         raise MjframesError(f"{path}: {error}") from error
     except yaml.YAMLError as error:
-        raise MjframesError(f"{path}: this is no YAML ({' '.join(str(error).split())}).") from error
+        raise MjframesError(f"{path}: this is no YAML ({reason(error)}).") from error
     if not isinstance(entries, Mapping) or not entries:
         raise MjframesError(
             f"{path}: it holds no materials; they are lines like 1: {{young: 3e4, poisson: 0.45, density: 1050}}."

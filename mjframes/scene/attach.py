@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjframes.base.errors import MjframesError, Notice
+from mjframes.base.errors import MjframesError, Notice, reason
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import PARENT
 from mjframes.scene import links, plugin
@@ -165,9 +165,8 @@ def attach(
     try:
         place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
     except ValueError as error:
-        reason = " ".join(str(error).split())
         raise MjframesError(
-            f"{name}: MuJoCo cannot attach the soft body ({reason}); where another one has the name, or had it, "
+            f"{name}: MuJoCo cannot attach the soft body ({reason(error)}); where another one has the name, or had it, "
             f"mf.detach(spec, {name!r}) takes out what is left of that."
         ) from error
     inner.name = name  # of one letter it has a separator behind it

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.scene import links
 from mjframes.volume.material import is_number
 from mjframes.volume.volume import Volume
@@ -80,7 +80,7 @@ def _probed(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjData, int]:
     try:
         model = probed.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise MjframesError(f"MuJoCo cannot compile the scene ({' '.join(str(error).split())}).") from error
+        raise MjframesError(f"MuJoCo cannot compile the scene ({reason(error)}).") from error
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return model, data, int(model.body_geomadr[0] + model.body_geomnum[0] - 1)

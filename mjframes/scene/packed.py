@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from mjframes.base.archive import DAMAGED, Arrays
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.scene.load import mujoco_warnings, sentence
 
 SCENE = "scene.xml"  # name of the scene among its files
@@ -60,7 +60,7 @@ def pack(spec: mujoco.MjSpec, model: mujoco.MjModel | None = None) -> dict[str, 
         root = ElementTree.fromstring(spec.to_xml())
         files = _take_along(root, spec)
     except (OSError, ValueError) as error:
-        raise MjframesError(f"the scene cannot be packed ({' '.join(str(error).split())}).") from error
+        raise MjframesError(f"the scene cannot be packed ({reason(error)}).") from error
     files = {SCENE: ElementTree.tostring(root), **files}
     return files if model is None else {**files, NUMBERS: _differing(model, unpack(files, "the scene"))}
 

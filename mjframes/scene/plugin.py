@@ -24,7 +24,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.files import cache_directory
 
 NAME = "mjframes.soft"
@@ -61,9 +61,8 @@ def load() -> None:
         try:
             mujoco.mj_loadPluginLibrary(str(path))
         except mujoco.FatalError as error:
-            reason = " ".join(str(error).split())
             raise MjframesError(
-                f"MuJoCo {mujoco.mj_versionString()} cannot load {path} ({reason}); "
+                f"MuJoCo {mujoco.mj_versionString()} cannot load {path} ({reason(error)}); "
                 "delete that file to have it made again."
             ) from error
         if not is_loaded():

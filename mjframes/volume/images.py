@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.archive import Arrays, read_array, require_beside, require_possible
 from mjframes.base.constants import KIND, VOLUME_VERSION
-from mjframes.base.errors import MjframesError, Notice
+from mjframes.base.errors import MjframesError, Notice, reason
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.metaimage import read_metaimage
@@ -91,8 +91,7 @@ def read_image(path: Path) -> LabelImage:
     except MjframesError:
         raise
     except Exception as error:  # a damaged file can fail anywhere in three foreign readers: zlib, zip, parsers, reshape
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason(error)}).") from error
 
 
 def _read_npz(path: Path) -> LabelImage:

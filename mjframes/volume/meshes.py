@@ -31,7 +31,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from mjframes.base.errors import MjframesError, Notice
+from mjframes.base.errors import MjframesError, Notice, reason
 
 if TYPE_CHECKING:
     import trimesh
@@ -194,8 +194,7 @@ def open_scene(path: Path, **options: Any) -> trimesh.Scene:
     try:
         return trimesh.load_scene(path, process=False, **options)
     except Exception as error:  # a damaged file can fail anywhere in five foreign readers
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason(error)}).") from error
 
 
 def _require_file(path: Path) -> None:
@@ -228,8 +227,7 @@ def _outside(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         with contextlib.redirect_stdout(io.StringIO()):  # meshio prints what it finds odd
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio ends the process where it finds no reader
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason}).") from error
+        raise MjframesError(f"{path}: the file is damaged, truncated or not of its type ({reason(error)}).") from error
     solids = [(SIDES[cell.type], cell.data) for cell in mesh.cells if cell.type in SIDES]
     plane = [(FLAT_SIDES[cell.type], cell.data) for cell in mesh.cells if cell.type in FLAT_SIDES]
     faces = [data[:, side] for sides, data in solids or plane for side in sides]

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from mjframes.app.collect.options import CollectOptions
 from mjframes.app.collect.plan import engine
 from mjframes.app.collect.shard import shard_bytes
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.packages import optional
 
 RETRIES = 20  # [a shard] after its worker died
@@ -34,8 +34,7 @@ def on_cluster(
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster started here sends nothing home
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, RuntimeError, ValueError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise MjframesError(f"ray is {address!r}: there is no cluster that answers ({reason}).") from error
+        raise MjframesError(f"ray is {address!r}: there is no cluster that answers ({reason(error)}).") from error
     try:
         task = ray.remote(num_cpus=threads, max_retries=RETRIES)(shard_bytes)
         scene = ray.put(dict(files))
@@ -51,7 +50,7 @@ def on_cluster(
             except ray.exceptions.RayError as error:
                 if isinstance(getattr(error, "cause", None), MjframesError):
                     raise error.cause from error
-                reason = str(error).splitlines()[-1]
-                raise MjframesError(f"the cluster could not compute a shard ({reason}).") from error
+                last_line = str(error).splitlines()[-1]
+                raise MjframesError(f"the cluster could not compute a shard ({last_line}).") from error
     finally:
         ray.shutdown()

@@ -20,7 +20,7 @@ from mjframes.app.log.worlds import WORLD, world_of
 from mjframes.app.log.write import METADATA, attached
 from mjframes.app.recording import Recording, State
 from mjframes.base.archive import DAMAGED
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 
 FACTS = ("timestep", "steps", "seconds", "weight")  # that are numbers
 SHOWN = 20  # letters of one that is none
@@ -136,9 +136,8 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
                 raise
             except (*DAMAGED, MemoryError, McapError, struct.error, ZstdError, lzma.LZMAError) as error:
                 if stream.read(1):  # else the file ends within a record: it was cut off
-                    reason = " ".join(str(error).split()) or type(error).__name__
                     raise MjframesError(
-                        f"{path}: not a log that mjframes wrote, or a damaged one ({reason})."
+                        f"{path}: not a log that mjframes wrote, or a damaged one ({reason(error)})."
                     ) from error
     except OSError as error:
         raise MjframesError(f"{path}: the log cannot be read ({error.strerror}).") from error

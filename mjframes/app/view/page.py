@@ -20,7 +20,7 @@ from mjframes.app.view.cameras import aim
 from mjframes.app.view.grip import Grip, grip_body, grip_skin
 from mjframes.app.view.guard import guarded, keep_to_values, point_in
 from mjframes.app.view.simulation import Simulation
-from mjframes.base.errors import MjframesError
+from mjframes.base.errors import MjframesError, reason
 from mjframes.base.packages import optional
 from mjframes.scene.load import mujoco_warnings
 
@@ -117,8 +117,7 @@ class Page:
         try:
             command()
         except Exception as error:
-            reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-            print(f"mjframes: what the page asked for cannot be done ({reason}).", file=sys.stderr)
+            print(f"mjframes: what the page asked for cannot be done ({reason(error)}).", file=sys.stderr)
 
     def _grip_skin(self, skin: int, at: np.ndarray) -> Grip:
         simulation = self.simulation
@@ -160,9 +159,9 @@ def page(scenes: Mapping[str, mujoco.MjModel], host: str = HOST, port: int = POR
         socket.create_server((host, port)).close()
     except (OSError, OverflowError) as error:
         number = getattr(error, "errno", None) or 0  # negative where a name is not known
-        reason = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or error
+        refused = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or error
         raise MjframesError(
-            f"nothing can be served at {host}:{port} ({reason}); give another --port, or 0 for any that is free."
+            f"nothing can be served at {host}:{port} ({refused}); give another --port, or 0 for any that is free."
         ) from error
     with mujoco_warnings() as warnings:
         simulations = {name: Simulation(model, warnings) for name, model in scenes.items()}
