@@ -9,7 +9,6 @@ voxel, .npz files its corner: `origin_index` says which.
 from __future__ import annotations
 
 import bz2
-import importlib
 import json
 import math
 import re
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from mjframes.base.archive import Arrays, read_array, require_beside, require_possible
 from mjframes.base.constants import KIND, VOLUME_VERSION
 from mjframes.base.errors import MjframesError, Notice, reason
+from mjframes.base.packages import optional
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.metaimage import read_metaimage
@@ -288,11 +288,7 @@ def _scale(path: Path, units: list[str]) -> NDArray[np.float64]:
 
 
 def _import(name: str, path: Path) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        package = {"nrrd": "pynrrd"}.get(name, name)
-        raise MjframesError(f'{path}: reading it needs {package}; run pip install "mjframes[images]".') from error
+    return optional(name, f"{path}: reading it", "images", {"nrrd": "pynrrd"}.get(name, ""))
 
 
 READERS: dict[str, Callable[[Path], LabelImage]] = {

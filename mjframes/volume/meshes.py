@@ -18,7 +18,6 @@ First stage of the pipeline (the paper, §4, voxelizes closed surfaces), before 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import math
 import os
@@ -32,6 +31,7 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError, Notice, reason
+from mjframes.base.packages import optional
 
 if TYPE_CHECKING:
     import trimesh
@@ -158,12 +158,7 @@ def lids(surface: MeshSurface) -> MeshSurface:
 
 def import_igl(name: str, fault: str = "the surface is not watertight") -> Any:
     """Return libigl, for surfaces with a fault.  Raise MjframesError that names it and says how to get libigl."""
-    try:
-        return importlib.import_module("igl")
-    except ImportError as error:
-        raise MjframesError(
-            f'{name}: {fault} and needs libigl; run pip install "mjframes[meshes]" or repair it.'
-        ) from error
+    return optional("igl", f"{name}: {fault} and", "meshes", "libigl", instead="repair it")
 
 
 def winding_number(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -190,7 +185,7 @@ def open_scene(path: Path, **options: Any) -> trimesh.Scene:
         options["skip_materials"] = True
     if path.suffix.lower() == ".3mf":
         for name in ("lxml", "networkx"):
-            _require_package(path, name)
+            optional(name, f"{path}: reading it", "meshes")
     try:
         return trimesh.load_scene(path, process=False, **options)
     except Exception as error:  # a damaged file can fail anywhere in five foreign readers
@@ -200,13 +195,6 @@ def open_scene(path: Path, **options: Any) -> trimesh.Scene:
 def _require_file(path: Path) -> None:
     if not path.is_file():
         raise MjframesError(f"{path}: there is no such file; a mesh is a trimesh object or the path of a mesh file.")
-
-
-def _require_package(path: Path, name: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise MjframesError(f'{path}: reading it needs {name}; run pip install "mjframes[meshes]".') from error
 
 
 def _read(path: Path, scale: float | None) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -222,7 +210,7 @@ def _read(path: Path, scale: float | None) -> tuple[NDArray[np.float64], NDArray
 def _outside(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The faces that one solid element has and no other, or, where there are no solids, the triangles."""
     _require_file(path)
-    meshio = _require_package(path, "meshio")
+    meshio = optional("meshio", f"{path}: reading it", "meshes")
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # meshio prints what it finds odd
             mesh = meshio.read(path)

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import cg, splu
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.packages import optional
 from mjframes.frames.distance import VoxelGraph, nearest_sources, sources_of, voxel_graph
 from mjframes.frames.placement import Placement
 from mjframes.volume.grid import Grid
@@ -130,15 +131,10 @@ def _solver(matrix: sparse.csr_array) -> Callable[[NDArray[np.float64]], NDArray
         return lambda b: b
     if size <= DIRECT:
         return splu(sparse.csc_array(matrix)).solve
-    try:
-        from pyamg import ruge_stuben_solver
-    except ImportError:
-        raise MjframesError(
-            f"harmonic weights of {size} voxels need the package pyamg: install mjframes[harmonic], "
-            "or choose weights='voronoi'."
-        ) from None
+    user = f"weights='harmonic' of {size} voxels"
+    pyamg = optional("pyamg", user, "harmonic", instead="choose weights='voronoi'")
     # Classical coarsening follows the strong links, whatever the contrast, and draws no random numbers.
-    hierarchy = ruge_stuben_solver(sparse.csr_matrix(matrix), max_coarse=300, coarse_solver="splu")
+    hierarchy = pyamg.ruge_stuben_solver(sparse.csr_matrix(matrix), max_coarse=300, coarse_solver="splu")
     cycle = hierarchy.aspreconditioner()
 
     def solve(b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -255,7 +255,10 @@ def test_a_bent_hole_is_closed_by_the_winding_number_and_not_by_its_lid() -> Non
 def test_open_surfaces_ask_for_libigl(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "igl", None)
     mesh = box((0.1, 0.1, 0.1))
-    with pytest.raises(MjframesError, match=r'not watertight and needs libigl; run pip install "mjframes\[meshes\]"'):
+    wanted = (
+        r'not watertight and needs libigl, which is not installed; pip install "mjframes\[meshes\]", or repair it\.$'
+    )
+    with pytest.raises(MjframesError, match=wanted):
         Volume.from_meshes([(trimesh.Trimesh(mesh.vertices, mesh.faces[1:]), FLESH)], 0.01)
 
 

@@ -507,7 +507,7 @@ def test_a_missing_reader_says_what_to_install(
 ) -> None:
     (tmp_path / name).touch()
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MjframesError, match=rf'{package}; run pip install "mjframes\[images\]"'):
+    with pytest.raises(MjframesError, match=rf'{package}, which is not installed; pip install "mjframes\[images\]"'):
         Volume.load(tmp_path / name, materials=MATERIALS)
 
 
