@@ -7,6 +7,7 @@ clusters' centroids times the mean of their compliances; for s = 1 these are the
 
 from __future__ import annotations
 
+import heapq
 from typing import NamedTuple
 
 import numpy as np
@@ -57,83 +58,18 @@ def improve(
     graph: ClusterGraph, sources: NDArray[np.int32], distance: NDArray[np.float64], label: NDArray[np.int32]
 ) -> None:
     """Run Dijkstra's algorithm in place, from `sources` of new distance and label; ties go to the smaller label."""
-    heap = np.empty(len(distance), np.int32)
-    place = np.full(len(distance), -1, np.int32)  # where a cluster is in the heap; −1: not in it
-    size = 0
-    for u in sources:
-        if place[u] < 0:
-            place[u] = size
-            size += 1
-        _raise(heap, place, place[u], u, distance, label)
-    while size > 0:
-        u: int = heap[0]
-        size -= 1
-        place[u] = -1
-        if size > 0:
-            _lower(heap, size, place, heap[size], distance, label)
+    heap = [(distance[u], label[u], np.int32(u)) for u in sources]
+    heapq.heapify(heap)
+    while len(heap) > 0:
+        du, lu, u = heapq.heappop(heap)
+        if du != distance[u] or lu != label[u]:
+            continue  # it got a better offer since, and has been dealt with
         for e in range(graph.start[u], graph.start[u + 1]):
-            v: int = graph.neighbour[e]
-            d = distance[u] + graph.cost[e]
-            if d < distance[v] or (d == distance[v] and label[u] < label[v]):
-                distance[v], label[v] = d, label[u]
-                if place[v] < 0:
-                    place[v] = size
-                    size += 1
-                _raise(heap, place, place[v], v, distance, label)
-
-
-@njit(cache=True, nogil=True)
-def _before(u: int, v: int, distance: NDArray[np.float64], label: NDArray[np.int32]) -> bool:
-    return distance[u] < distance[v] or (distance[u] == distance[v] and label[u] < label[v])
-
-
-@njit(cache=True, nogil=True)
-def _raise(
-    heap: NDArray[np.int32],
-    place: NDArray[np.int32],
-    hole: int,
-    v: int,
-    distance: NDArray[np.float64],
-    label: NDArray[np.int32],
-) -> None:
-    """Put cluster v into the hole of a 4-ary heap and lift it to its place."""
-    while hole > 0:
-        parent = (hole - 1) >> 2
-        if not _before(v, heap[parent], distance, label):
-            break
-        heap[hole] = heap[parent]
-        place[heap[hole]] = hole
-        hole = parent
-    heap[hole] = v
-    place[v] = hole
-
-
-@njit(cache=True, nogil=True)
-def _lower(
-    heap: NDArray[np.int32],
-    size: int,
-    place: NDArray[np.int32],
-    v: int,
-    distance: NDArray[np.float64],
-    label: NDArray[np.int32],
-) -> None:
-    """Put cluster v into the hole at the top of a 4-ary heap of `size` entries and let it sink to its place."""
-    hole = 0
-    while True:
-        first = 4 * hole + 1
-        if first >= size:
-            break
-        best = first
-        for child in range(first + 1, min(first + 4, size)):
-            if _before(heap[child], heap[best], distance, label):
-                best = child
-        if not _before(heap[best], v, distance, label):
-            break
-        heap[hole] = heap[best]
-        place[heap[hole]] = hole
-        hole = best
-    heap[hole] = v
-    place[v] = hole
+            v = graph.neighbour[e]
+            d = du + graph.cost[e]
+            if d < distance[v] or (d == distance[v] and lu < label[v]):
+                distance[v], label[v] = d, lu
+                heapq.heappush(heap, (d, lu, v))
 
 
 @njit(cache=True, nogil=True)

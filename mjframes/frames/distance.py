@@ -15,6 +15,7 @@ rule for ties chooses among them, not rounding.
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -173,7 +174,7 @@ def sweep(
     link: Any = np.arange(1, 1025).astype(np.int32)  # to the next entry, of a bucket or among the free ones
     link[-1] = -1
     free = 0
-    heap_key, heap_item, heap_size = np.empty(64), np.empty(64, np.int32), np.int64(0)
+    heap: Any = [(0.0, np.int32(-1)) for _ in range(0)]  # empty, of entries of this type
     first = visited[:count].copy()
     begin = distance[first]
     order = np.argsort(begin)
@@ -203,13 +204,11 @@ def sweep(
                 if np.int64(distance[u] * scale) != bucket:
                     continue  # it got a better offer since, and has been dealt with
                 if graph.ordered:
-                    heap_key, heap_item = _room(heap_key, heap_item, heap_size)
-                    heap_size = _heap_push(heap_key, heap_item, heap_size, distance[u], u)
+                    heapq.heappush(heap, (distance[u], u))
                     continue
-            elif heap_size > 0:
-                key, u = heap_key[0], heap_item[0]
-                heap_size = _heap_pop(heap_key, heap_item, heap_size)
-                if key != distance[u] or (heap_size > 0 and heap_key[0] == key and heap_item[0] == u):
+            elif len(heap) > 0:
+                key, u = heapq.heappop(heap)
+                if key != distance[u] or (len(heap) > 0 and heap[0] == (key, u)):
                     continue
             else:
                 break
@@ -252,8 +251,7 @@ def sweep(
                     elif np.int64(old * scale) == target:
                         continue
                     if graph.ordered and target == bucket:
-                        heap_key, heap_item = _room(heap_key, heap_item, heap_size)
-                        heap_size = _heap_push(heap_key, heap_item, heap_size, d, v)
+                        heapq.heappush(heap, (d, v))
                         continue
                     if free < 0:
                         item, link = more(item), more(link)
@@ -314,47 +312,6 @@ def more(array: Any) -> Any:
     for k in range(len(array)):  # to assign a slice takes 2 s to compile
         larger[k] = array[k]
     return larger
-
-
-@njit(cache=True, nogil=True)
-def _room(
-    key: NDArray[np.float64], item: NDArray[np.int32], size: Integer
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the heap's arrays with room for one entry more."""
-    if size < len(key):
-        return key, item
-    return more(key), more(item)
-
-
-@njit(cache=True, nogil=True)
-def _heap_push(key: NDArray[np.float64], item: NDArray[np.int32], size: Integer, d: float, v: Any) -> Integer:
-    """Put node v at distance d into a binary heap of `size` entries; return how many there are."""
-    hole = size
-    while hole > 0 and d < key[(hole - 1) >> 1]:
-        key[hole], item[hole] = key[(hole - 1) >> 1], item[(hole - 1) >> 1]
-        hole = (hole - 1) >> 1
-    key[hole], item[hole] = d, v
-    return size + 1
-
-
-@njit(cache=True, nogil=True)
-def _heap_pop(key: NDArray[np.float64], item: NDArray[np.int32], size: Integer) -> Integer:
-    """Take the nearest node out of a binary heap of `size` entries; return how many are left."""
-    size -= 1
-    d, v = key[size], item[size]
-    hole = 0
-    while True:
-        child = 2 * hole + 1
-        if child >= size:
-            break
-        if child + 1 < size and key[child + 1] < key[child]:
-            child += 1
-        if key[child] >= d:
-            break
-        key[hole], item[hole] = key[child], item[child]
-        hole = child
-    key[hole], item[hole] = d, v
-    return size
 
 
 @njit(cache=True, nogil=True)
