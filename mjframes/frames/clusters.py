@@ -45,8 +45,7 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
     size, middle, material = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count, np.int64)
     _sum_up(grid.index, grid.material, cluster, size, middle, material)
     compliance = grid.per_material("compliance")[material]
-    key = _pairs(grid.index, grid.padded, cluster)
-    pairs = np.sort(key[key >= 0])
+    pairs = np.sort(_pairs(grid.index, grid.padded, cluster))
     first, second = pairs >> 32, pairs & 0xFFFFFFFF
     lengths = np.linalg.norm((middle[second] - middle[first]) * grid.spacing, axis=1)
     start, neighbour, cost = _rows(count, first, second, edge_costs(lengths, compliance[first], compliance[second]))
@@ -129,49 +128,16 @@ def _sum_up(
 
 @njit(cache=True, nogil=True)
 def _pairs(index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the pairs of different clusters with adjacent voxels, each once, as a hash set of 2³² first + second.
-
-    Slots that are free have −1.
-    """
-    slots = np.int64(1 << 12)
-    key = np.full(slots, -1, np.int64)
-    count = 0
+    """Return the pairs of different clusters with adjacent voxels, each once, as 2³² first + second."""
+    pairs = set()
     for v in range(len(cluster)):
         a, b, c = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
-        last = np.int64(-1)
         for k in range(13):
             u = padded[a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1]
-            if u < 0 or cluster[u] == cluster[v]:
-                continue
-            low, high = min(cluster[u], cluster[v]), max(cluster[u], cluster[v])
-            pair = np.int64(low) << 32 | np.int64(high)
-            if pair == last:
-                continue
-            last = pair
-            at = _hash(pair, slots)
-            while key[at] >= 0 and key[at] != pair:
-                at = (at + 1) & (slots - 1)
-            if key[at] == pair:
-                continue
-            key[at] = pair
-            count += 1
-            if 2 * count > slots:
-                larger = np.full(2 * slots, -1, np.int64)
-                for e in range(slots):
-                    if key[e] >= 0:
-                        at = _hash(key[e], 2 * slots)
-                        while larger[at] >= 0:
-                            at = (at + 1) & (2 * slots - 1)
-                        larger[at] = key[e]
-                key = larger
-                slots *= 2
-    return key
-
-
-@njit(cache=True, nogil=True)
-def _hash(pair: np.int64, slots: np.int64) -> np.int64:
-    mixed = (pair ^ (pair >> 29)) * np.int64(0x1E3779B97F4A7C15)
-    return (mixed >> 20) & (slots - 1)
+            if u >= 0 and cluster[u] != cluster[v]:
+                low, high = min(cluster[u], cluster[v]), max(cluster[u], cluster[v])
+                pairs.add(np.int64(low) << 32 | np.int64(high))
+    return np.array(list(pairs))
 
 
 @njit(cache=True, nogil=True)
