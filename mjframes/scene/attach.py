@@ -34,7 +34,6 @@ from mjframes.scene.skins import add_skins
 from mjframes.scene.solver import avoid_wrong_solver
 from mjframes.scene.tendons import Chamber, Fibre, add_tendons
 from mjframes.scene.view import Soft, soft
-from mjframes.volume.material import is_number
 
 
 class BranchWarning(UserWarning):
@@ -122,8 +121,7 @@ def attach(
     within = _checked(spec, body, parent, contact)
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
         raise MjframesError(f"name is {name!r}; use one or more letters, digits, '_', '-' or '.'.")
-    if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
-        raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
+    links.require_pose(pos, quat)
     if name == "world":
         raise MjframesError("name is 'world', which MuJoCo calls the world's body; give another name.")
     if spec.body(name) is not None:
@@ -205,13 +203,10 @@ def _checked(
             f"the margin of the contact is {contact.margin:g} m, but the body is {size:.2g} m large: "
             "all nearer than the margin is pushed away; give a few millimetres, or a gap to find what is near."
         )
-    if parent is None or parent == "world":
-        holder = spec.worldbody
-    elif isinstance(parent, str):
-        if (holder := spec.body(parent)) is None:
-            known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
-            raise MjframesError(f"parent is {parent!r}, but the bodies of the scene are: {known}.")
-    elif not isinstance(holder := parent, mujoco.MjsBody):
+    holder = spec.worldbody if parent is None else parent
+    if isinstance(holder, str):
+        holder = links.find_body(spec, holder)
+    elif not isinstance(holder, mujoco.MjsBody):
         raise MjframesError(f"parent is a {type(parent).__name__}; give a body of the scene, or its name.")
     if links.path_of(holder)[-1] is not spec.worldbody:
         raise MjframesError(f"parent is the body {holder.name!r} of another scene; give one of the spec's.")
@@ -248,7 +243,7 @@ def _place(
         )
     if not named:
         return _Place(parent, list(pos), list(quat), {PARENT: (np.eye(3), np.zeros(3))}, {})
-    bodies = {link: links.find_link(spec, link) for link in named}
+    bodies = {link: links.find_body(spec, link, "attached names the body") for link in named}
     if PARENT in body.links:
         bodies[PARENT] = parent
     holder = links.best_holder(parent, bodies.values())

@@ -6,22 +6,23 @@ is compiled alone here, so that a scene needs not be complete.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
+from mjframes.volume.material import is_number
 
 Pose = tuple[np.ndarray, np.ndarray]  # (3, 3), (3,) [m]
 
 
-def find_link(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
-    """Return the body `name` of the spec. Raise MjframesError where there is none."""
+def find_body(spec: mujoco.MjSpec, name: str, said: str = "parent is", where: object = "the scene") -> mujoco.MjsBody:
+    """Return the body `name` of the spec. Raise MjframesError, as it is `said`, where there is none."""
     body = spec.body(name)
     if body is None:
-        known = ", ".join(repr(other.name) for other in spec.bodies if other.name) or "none"
-        raise MjframesError(f"attached names the body {name!r}, but the scene's bodies are: {known}.")
+        known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
+        raise MjframesError(f"{said} {name!r}, but the bodies of {where} are: {known}.")
     return body
 
 
@@ -90,6 +91,12 @@ def pose(pos: Iterable[float], quat: Iterable[float]) -> Pose:
     q = np.array(list(quat), float)
     mujoco.mju_quat2Mat(matrix, q / np.linalg.norm(q))
     return matrix.reshape(3, 3), np.array(list(pos), float)
+
+
+def require_pose(pos: Sequence[float] | np.ndarray, quat: Sequence[float] | np.ndarray) -> None:
+    """Raise MjframesError for what is no position [m] and quaternion (w, x, y, z) of any length."""
+    if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
+        raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:

@@ -54,9 +54,8 @@ def near(
     """
     if not (is_number(distance) and 0 <= distance < np.inf):
         raise MjframesError(f"distance is {distance!r}; it must be a length in metres, 0 or more.")
-    if spec.body(parent) is None:
-        known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
-        raise MjframesError(f"parent is {parent!r}, but the bodies of the scene are: {known}.")
+    links.find_body(spec, parent)
+    links.require_pose(pos, quat)
     model, data, probe = _probed(spec)
     axes, place = links.compose(_pose(data, model.body(parent).id), links.pose(pos, quat))
     centers = volume.centers @ axes.T + place

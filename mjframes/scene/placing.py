@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
-from mjframes.scene.links import Pose, compose, inverse, pose, quaternion
+from mjframes.scene.links import Pose, compose, inverse, pose, quaternion, require_pose
 from mjframes.scene.view import instance_of
-from mjframes.volume.material import is_number
 
 Array = NDArray[np.float64]
 Vector = Sequence[float] | Array
@@ -46,15 +45,7 @@ class Placing:
 
         Raise MjframesError for what is no pose.
         """
-        if (
-            np.shape(pos) != (3,)
-            or np.shape(quat) != (4,)
-            or not all(map(is_number, (*pos, *quat)))
-            or not np.any(quat)
-        ):
-            raise MjframesError(
-                f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components."
-            )
+        require_pose(pos, quat)
         turn, shift = compose(inverse(self.holder), pose(pos, quat))
         at = self.rest @ turn.T + shift
         found: list[Array] = []

@@ -16,6 +16,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
+from mjframes.scene.links import find_body
 from mjframes.scene.load import load_scene
 from mjframes.scene.plugin_text import SEPARATOR
 from mjframes.scene.skins import WEIGHT_UNITS
@@ -88,9 +89,7 @@ def scene_with(
     Raise MjframesError for a scene that cannot be loaded, and for a name or a parent that it does not allow.
     """
     spec = load_scene(scene)[1]
-    if parent != "world" and spec.body(parent) is None:
-        known = ", ".join(repr(other.name) for other in spec.bodies if other.name)
-        raise MjframesError(f"--parent is {parent!r}, but the bodies of {scene} are: {known}.")
+    find_body(spec, parent, "--parent is", scene)
     if any(name == other.name for other in (*spec.bodies, *spec.plugins)):
         raise MjframesError(f"--name is {name!r}, which {scene} has already; give another one.")
     kept = [(key, np.array(key.qpos), np.array(key.qvel)) for key in spec.keys]

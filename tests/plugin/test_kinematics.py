@@ -139,7 +139,7 @@ def test_saved_and_loaded_it_steps_alike(case: str) -> None:
 def test_a_link_that_is_missing_is_named() -> None:
     spec = mujoco.MjSpec.from_string(ARM)
     with pytest.raises(
-        mf.MjframesError, match=r"attached names the body 'foot', but the scene's bodies are: 'world', "
+        mf.MjframesError, match=r"attached names the body 'foot', but the bodies of the scene are: 'world', "
     ):
         mf.attach(spec, body("affine", ("foot",)), "soft")
 
