@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from mjframes.elasticity.corotational import closest_rotation
 from mjframes.scene.view import Soft
 
 ITERATIONS = 20  # bodies on slides alone need one
@@ -35,9 +36,7 @@ def move_with(view: Soft, velocity: np.ndarray) -> None:
 def misfit(points: np.ndarray, rest: np.ndarray) -> float:
     """Return the largest distance of points (n, 3) from where they rest, rigidly moved to fit [m]."""
     a, b = points - points.mean(axis=0), rest - rest.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    u[:, 2] *= np.linalg.det(u @ vt)
-    return float(np.linalg.norm(a - b @ (u @ vt).T, axis=1).max())
+    return float(np.linalg.norm(a - b @ closest_rotation(a.T @ b).T, axis=1).max())
 
 
 def jacobian(view: Soft) -> np.ndarray:

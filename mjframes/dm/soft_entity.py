@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjframes.base.errors import MjframesError
 from mjframes.base.sampling import farthest_points
 from mjframes.body.soft_body import SoftBody
+from mjframes.elasticity.corotational import closest_rotation
 from mjframes.scene.attach import attach
 from mjframes.scene.contact import Contact
 from mjframes.scene.links import quaternion as quaternion_of
@@ -142,8 +143,7 @@ class SoftEntity(composer.Entity):
         view = self.soft(physics)
         share = view.mass / view.mass.sum()
         at, rest = share @ view.control_positions, share @ view.rest
-        U, _, Vt = np.linalg.svd((share[:, None] * (view.control_positions - at)).T @ (view.rest - rest))
-        turn = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        turn = closest_rotation((share[:, None] * (view.control_positions - at)).T @ (view.rest - rest))
         return at - turn @ rest, quaternion_of(turn)
 
     def set_pose(
