@@ -1,4 +1,6 @@
-"""Rows of lists that are alike: numbered by a hash table with open addressing, in the order of appearance."""
+"""Places of equal labels, by a counting sort; rows of lists that are alike, numbered in the order of appearance by a
+hash table with open addressing.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,28 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+
+def members_of(label: NDArray[np.int32], count: int) -> list[NDArray[np.int32]]:
+    """Return the places of each label from 0 to count − 1, ascending; labels (n,) below 0 count as none."""
+    end = np.zeros(count + 1, np.int64)
+    places = np.empty(np.count_nonzero(label >= 0), np.int32)
+    _sort_by_label(label, end, places)
+    return np.split(places, end[:-2])
+
+
+@njit(cache=True, nogil=True)
+def _sort_by_label(label: NDArray[np.int32], end: NDArray[np.int64], places: NDArray[np.int32]) -> None:
+    """Counting sort: label i's places become places[end[i − 1]:end[i]]."""
+    for v in range(len(label)):
+        if label[v] >= 0:
+            end[label[v] + 1] += 1
+    for i in range(1, len(end)):
+        end[i] += end[i - 1]
+    for v in range(len(label)):
+        if label[v] >= 0:
+            places[end[label[v]]] = v
+            end[label[v]] += 1
 
 
 def distinct_rows(start: NDArray[np.integer], item: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mjframes.elasticity.regions import members_of
+from mjframes.base.rows import members_of
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.gradients import product_rule
 from mjframes.kinematics.shape_functions import ShapeFunctions

@@ -18,10 +18,11 @@ from scipy import sparse
 
 from mjframes.base.choices import COROTATIONAL
 from mjframes.base.errors import MjframesError
+from mjframes.base.rows import members_of
 from mjframes.base.threads import in_parallel
 from mjframes.elasticity.laws import LawParameters, law_parameters
 from mjframes.elasticity.moments import inside, mean_monomials, rule
-from mjframes.elasticity.regions import Regions, members_of
+from mjframes.elasticity.regions import Regions
 from mjframes.kinematics.control import ControlPoints, points_of
 from mjframes.kinematics.gradients import product_rule
 from mjframes.kinematics.shape_functions import ShapeFunctions

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.errors import MjframesError
-from mjframes.base.rows import distinct_rows
+from mjframes.base.rows import distinct_rows, members_of
 from mjframes.base.threads import in_parallel
 from mjframes.volume.grid import Grid
 from mjframes.weights.weights import frame_count
@@ -85,14 +85,6 @@ def renumbered(regions: Regions, order: NDArray[np.integer]) -> Regions:
     """Return the same with frame order[i] called i."""
     number = np.argsort(order)
     return replace(regions, frames=tuple(tuple(sorted(int(number[i]) for i in some)) for some in regions.frames))
-
-
-def members_of(label: NDArray[np.int32], regions: int) -> list[NDArray[np.int32]]:
-    """Return the voxels of each region, ascending."""
-    ends = np.cumsum(np.bincount(label, minlength=regions))
-    voxels = np.empty(len(label), np.int32)
-    _sort_by_label(label, ends - np.bincount(label, minlength=regions), voxels)
-    return np.split(voxels, ends[:-1])
 
 
 def frame_sets(weights: sparse.csr_array) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
@@ -188,14 +180,6 @@ def _join_films(
                 joined[v] = target
                 break
     return joined
-
-
-@njit(cache=True, nogil=True)
-def _sort_by_label(label: NDArray[np.int32], begin: NDArray[np.integer], voxels: NDArray[np.int32]) -> None:
-    """Counting sort: put label e's voxels from begin[e] on; begin is used up."""
-    for v in range(len(label)):
-        voxels[begin[label[v]]] = v
-        begin[label[v]] += 1
 
 
 @njit(cache=True, nogil=True)

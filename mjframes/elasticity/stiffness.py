@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
+from mjframes.base.rows import members_of
 from mjframes.base.threads import in_parallel
-from mjframes.elasticity.regions import Regions, members_of
+from mjframes.elasticity.regions import Regions
 from mjframes.elasticity.shares import factor_of
 from mjframes.kinematics.control import ControlPoints, points_of
 from mjframes.kinematics.gradients import control_gradients

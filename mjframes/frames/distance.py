@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from mjframes.base.rows import members_of
 from mjframes.volume.grid import Grid
 
 Integer = int | np.integer  # loops say np.int64(0), which compiles to one type where 0 compiles to two
@@ -92,11 +93,11 @@ def voxel_graph(grid: Grid) -> VoxelGraph:
     lengths = np.linalg.norm(steps * grid.spacing, axis=1)
     cost = edge_costs(lengths[None, :, None], compliance[:, None, None], compliance[None, None, :])
     cell = _cells(grid.index, strides, np.empty(len(grid.index), np.min_scalar_type(-int(grid.padded.size))))
-    if (grid.piece >= 0).any():
-        lookup, node, start, shell = _collapse(grid.padded.ravel(), cell, steps @ strides, grid.piece)
-    else:
-        lookup, node = grid.padded.ravel(), np.arange(len(cell), dtype=np.int32)
-        start, shell = np.zeros(1, np.int64), cell[:0]
+    lookup, node, start, shell = grid.padded.ravel(), np.arange(len(cell), dtype=np.int32), np.zeros(1, int), cell[:0]
+    if (pieces := int(grid.piece.max()) + 1) > 0:
+        lookup, node, is_shell = _collapse(lookup, cell, steps @ strides, grid.piece)
+        shells = members_of(np.where(is_shell, grid.piece, -1), pieces)
+        start, shell = np.cumsum([0, *map(len, shells)]), cell[np.concatenate(shells)]
     positive = cost[cost > 0] if (cost > 0).any() else np.ones(1)
     width = max(float(positive.min()) * (1 - BUCKET_MARGIN), float(positive.max()) / (BUCKETS - 4))
     return VoxelGraph(
@@ -325,15 +326,11 @@ def _cells(index: NDArray[np.int32], strides: NDArray[np.int64], cell: NDArray[n
 @njit(cache=True, nogil=True)
 def _collapse(
     voxels: NDArray[np.int32], cell: NDArray[np.integer], offset: NDArray[np.int64], piece: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.integer]]:
-    """Return the image of nodes, the node of each voxel, and the shells of the pieces."""
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.bool_]]:
+    """Return the image of nodes, the node of each voxel, and whether it is in the shell of a piece."""
     lookup = voxels.copy()
     node = np.arange(len(cell)).astype(np.int32)
-    count = 0
-    for v in range(len(piece)):
-        count = max(count, piece[v] + 1)
-    first = np.full(count, -1, np.int32)
-    start = np.zeros(count + 1, np.int64)
+    first = np.full(piece.max() + 1, -1, np.int32)
     is_shell = np.zeros(len(cell), np.bool_)
     for v in range(len(cell)):
         p = piece[v]
@@ -347,14 +344,4 @@ def _collapse(
             u = voxels[cell[v] + offset[k]]
             if u >= 0 and piece[u] < 0:
                 is_shell[v] = True
-        if is_shell[v]:
-            start[p + 1] += 1
-    for p in range(count):
-        start[p + 1] += start[p]
-    shell = np.empty(start[-1], cell.dtype)
-    filled = start[:-1].copy()
-    for v in range(len(cell)):
-        if is_shell[v]:
-            shell[filled[piece[v]]] = cell[v]
-            filled[piece[v]] += 1
-    return lookup, node, start, shell
+    return lookup, node, is_shell

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.base.options import is_whole
+from mjframes.base.rows import members_of
 from mjframes.frames.clusters import ClusterGraph, cluster_graph, improve
 from mjframes.frames.distance import nearest_sources, voxel_graph
 from mjframes.volume.grid import Grid, nearest_voxels
@@ -103,10 +104,9 @@ def _distribute(grid: Grid, frames: int | None, seed: int, seeds: Seeds) -> Seed
         raise MjframesError(
             f"frames is {frames!r}; it must be an integer from {fewest} to {room}, one a soft voxel or rigid piece."
         )
-    by_piece = rigid[np.argsort(grid.piece[rigid], kind="stable")]
-    ends = np.searchsorted(grid.piece[by_piece], pieces + 1)
-    for p in np.argsort(-sizes, kind="stable")[:frames]:
-        seeds = [*seeds, by_piece[ends[p] - sizes[p] : ends[p]]]
+    by_piece = members_of(grid.piece, int(grid.piece.max()) + 1)
+    for p in pieces[np.argsort(-sizes, kind="stable")[:frames]]:
+        seeds = [*seeds, by_piece[p].astype(np.int64)]
     free = frames - min(frames, len(pieces))
     return seeds + _spread_out(grid, free, seed, seeds) if free else seeds
 

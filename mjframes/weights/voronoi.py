@@ -24,6 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mjframes.base.rows import members_of
 from mjframes.base.threads import workers
 from mjframes.frames.distance import Integer, VoxelGraph, more, nearest_sources, offer, sources_of, sweep, voxel_graph
 from mjframes.frames.placement import Placement
@@ -61,7 +62,7 @@ def voronoi_weights(grid: Grid, placement: Placement, subdivisions: int = 1) -> 
 
 def _kernels(graph: VoxelGraph, placement: Placement, subdivisions: int) -> list[Kernel]:
     nearest = nearest_sources(graph, *sources_of(placement.seeds))
-    cells = _cells(nearest.label, len(placement.seeds))
+    cells = members_of(nearest.label, len(placement.seeds))
     threads = min(workers(), len(cells))
     idle: SimpleQueue[Scratch] = SimpleQueue()
     for _ in range(threads):
@@ -77,31 +78,9 @@ def _kernels(graph: VoxelGraph, placement: Placement, subdivisions: int) -> list
         return list(pool.map(kernel, cells))
 
 
-def _cells(label: NDArray[np.int32], frames: int) -> list[NDArray[np.int32]]:
-    """The nodes of each Voronoi cell."""
-    end = np.zeros(frames + 1, np.int64)
-    nodes = np.empty(np.count_nonzero(label >= 0), np.int32)
-    _sort_by_label(label, end, nodes)
-    return np.split(nodes, end[:-2])
-
-
 def _scratch(n: int, subdivisions: int) -> Scratch:
     for_bands = [np.empty(n if subdivisions > 1 else 0) for _ in range(5)]
     return Scratch(np.full(n, np.inf), np.empty(n), np.empty(n, np.int32), np.zeros(n, np.int32), *for_bands)
-
-
-@njit(cache=True, nogil=True)
-def _sort_by_label(label: NDArray[np.int32], end: NDArray[np.int64], nodes: NDArray[np.int32]) -> None:
-    """Counting sort: label i's nodes become nodes[end[i − 1]:end[i]]."""
-    for v in range(len(label)):
-        if label[v] >= 0:
-            end[label[v] + 1] += 1
-    for i in range(1, len(end)):
-        end[i] += end[i - 1]
-    for v in range(len(label)):
-        if label[v] >= 0:
-            nodes[end[label[v]]] = v
-            end[label[v]] += 1
 
 
 @njit(cache=True, nogil=True)

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from mjframes.base.linear import ZERO, scaled_eigenvectors
 from mjframes.base.rigid import motion_basis, rigid_motions, size_of
+from mjframes.base.rows import members_of
 from mjframes.elasticity.laws import LawParameters, hessian
-from mjframes.elasticity.regions import members_of
 from mjframes.elasticity.shares import by_material, factor_of
 from mjframes.elasticity.stiffness import Stiffness, blind_to_translations
 from mjframes.kinematics.control import ControlPoints

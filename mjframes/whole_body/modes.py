@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.rigid import rigid_motions, size_of
+from mjframes.base.rows import members_of
 from mjframes.base.threads import in_parallel
-from mjframes.elasticity.regions import members_of
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints
 from mjframes.volume.grid import Grid

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.linear import nonzero_eigenvectors
+from mjframes.base.rows import members_of
 from mjframes.base.threads import in_parallel
-from mjframes.elasticity.regions import frame_sets, members_of
+from mjframes.elasticity.regions import frame_sets
 from mjframes.elasticity.stiffness import Stiffness
 from mjframes.kinematics.control import ControlPoints, points_of
 from mjframes.weights.weights import weights_at
