@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import sparse
 
 from mjframes.frames.distance import edge_costs
 from mjframes.volume.grid import Grid, root_of
@@ -42,14 +43,18 @@ def cluster_graph(grid: Grid, block: int) -> ClusterGraph:
     n = len(grid.index)
     cluster = np.arange(n, dtype=np.int32)
     count = _join(grid.index, grid.padded, grid.material, block, cluster) if block > 1 else n
-    size, middle, material = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count, np.int64)
-    _sum_up(grid.index, grid.material, cluster, size, middle, material)
-    compliance = grid.per_material("compliance")[material]
+    size = np.bincount(cluster)
+    middle = np.stack([np.bincount(cluster, grid.index[:, a]) for a in range(3)], axis=1) / size[:, None]
+    compliance = np.empty(count)
+    compliance[cluster] = grid.per_material("compliance")[grid.material]
     pairs = np.sort(_pairs(grid.index, grid.padded, cluster))
     first, second = pairs >> 32, pairs & 0xFFFFFFFF
     lengths = np.linalg.norm((middle[second] - middle[first]) * grid.spacing, axis=1)
-    start, neighbour, cost = _rows(count, first, second, edge_costs(lengths, compliance[first], compliance[second]))
-    return ClusterGraph(cluster, size, middle, compliance, start, neighbour, cost)
+    cost = edge_costs(lengths, compliance[first], compliance[second])
+    ends = np.concatenate([first, second]), np.concatenate([second, first])
+    edges = sparse.csr_array(sparse.coo_array((np.tile(cost, 2), ends), shape=(count, count)))
+    start, neighbour = edges.indptr.astype(np.int64), edges.indices.astype(np.int32)
+    return ClusterGraph(cluster, size, middle, compliance, start, neighbour, np.asarray(edges.data, np.float64))
 
 
 @njit(cache=True, nogil=True)
@@ -106,27 +111,6 @@ def _join(
 
 
 @njit(cache=True, nogil=True)
-def _sum_up(
-    index: NDArray[np.int32],
-    material_of: NDArray[np.unsignedinteger],
-    cluster: NDArray[np.int32],
-    size: NDArray[np.int64],
-    mean: NDArray[np.float64],
-    material: NDArray[np.int64],
-) -> None:
-    """Fill size (c,), mean index (c, 3) and material (c,) of each cluster."""
-    for v in range(len(cluster)):
-        a = cluster[v]
-        size[a] += 1
-        material[a] = material_of[v]
-        for axis in range(3):
-            mean[a, axis] += index[v, axis]
-    for a in range(len(size)):
-        for axis in range(3):
-            mean[a, axis] /= size[a]
-
-
-@njit(cache=True, nogil=True)
 def _pairs(index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return the pairs of different clusters with adjacent voxels, each once, as 2³² first + second."""
     pairs = set()
@@ -138,23 +122,3 @@ def _pairs(index: NDArray[np.int32], padded: NDArray[np.int32], cluster: NDArray
                 low, high = min(cluster[u], cluster[v]), max(cluster[u], cluster[v])
                 pairs.add(np.int64(low) << 32 | np.int64(high))
     return np.array(list(pairs))
-
-
-@njit(cache=True, nogil=True)
-def _rows(
-    count: int, first: NDArray[np.int64], second: NDArray[np.int64], cost: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
-    """Return both directions of each edge, by cluster."""
-    start = np.zeros(count + 1, np.int64)
-    for e in range(len(first)):
-        start[first[e] + 1] += 1
-        start[second[e] + 1] += 1
-    for u in range(count):
-        start[u + 1] += start[u]
-    neighbour, costs = np.empty(start[-1], np.int32), np.empty(start[-1])
-    filled = start[:-1].copy()
-    for e in range(len(first)):
-        for u, v in ((first[e], second[e]), (second[e], first[e])):
-            neighbour[filled[u]], costs[filled[u]] = v, cost[e]
-            filled[u] += 1
-    return start, neighbour, costs

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from mjframes.base.constants import RIGID_RATIO
 from mjframes.volume.material import Material
-from mjframes.volume.volume import Volume
+from mjframes.volume.volume import Volume, components
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def voxel_grid(volume: Volume) -> Grid:
     is_rigid = np.array([m.is_rigid for m in table])
     piece = np.full(n, -1, np.int32)
     if is_rigid.any():
-        _number_pieces(index, padded, material, is_rigid, piece)
+        piece = components(np.isin(labels, known[present][is_rigid]))[0][labels != 0] - np.int32(1)
     return Grid(
         index=index,
         padded=padded,
@@ -229,37 +229,6 @@ def root_of(parent: NDArray[np.int32], v: Any) -> int:
         parent[v] = parent[parent[v]]
         v = parent[v]
     return v
-
-
-@njit(cache=True, nogil=True)
-def _number_pieces(
-    index: NDArray[np.int32],
-    padded: NDArray[np.int32],
-    material: NDArray[np.unsignedinteger],
-    is_rigid: NDArray[np.bool_],
-    piece: NDArray[np.int32],
-) -> None:
-    """Numbers in the order of the pieces' first voxels."""
-    for v in range(len(piece)):  # the array holds the parents of the rigid voxels first
-        if not is_rigid[material[v]]:
-            continue
-        piece[v] = v
-        a, b, c = index[v, 0] + 1, index[v, 1] + 1, index[v, 2] + 1
-        for k in range(13):  # the neighbours before v
-            u = padded[a + k // 9 - 1, b + k // 3 % 3 - 1, c + k % 3 - 1]
-            if u >= 0 and piece[u] >= 0:
-                first, second = root_of(piece, u), root_of(piece, v)
-                piece[max(first, second)] = min(first, second)
-    count = 0
-    for v in range(len(piece)):  # parents come before children, so they have their number already
-        if piece[v] == v:
-            piece[v] = -2 - count
-            count += 1
-        elif piece[v] >= 0:
-            piece[v] = piece[piece[v]]
-    for v in range(len(piece)):
-        if piece[v] < -1:
-            piece[v] = -2 - piece[v]
 
 
 @njit(cache=True, nogil=True)

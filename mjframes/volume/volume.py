@@ -547,13 +547,13 @@ class Volume:
     @telling_memory
     def largest_component(self) -> Volume:
         """Return the volume without all pieces but the one with the most voxels (26 neighbours)."""
-        pieces, sizes = _components(self.labels)
+        pieces, sizes = components(self.labels)
         return replace(self, labels=np.where(pieces == 1 + np.argmax(sizes), self.labels, 0).astype(self.labels.dtype))
 
 
 def require_connected(volume: Volume) -> None:
     """Raise MjframesError unless the inside is one piece: no distance and no weight crosses a gap (26 neighbours)."""
-    sizes = np.sort(_components(volume.labels)[1])[::-1]
+    sizes = np.sort(components(volume.labels)[1])[::-1]
     if len(sizes) > 1:
         shown = ", ".join(map(str, sizes[:5])) + (", …" if len(sizes) > 5 else "")
         raise MjframesError(
@@ -563,8 +563,10 @@ def require_connected(volume: Volume) -> None:
         )
 
 
-def _components(labels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Piece of each voxel (nx, ny, nz), 0 outside and from 1 on inside, and the voxels of each piece (pieces,)."""
+def components(labels: NDArray[np.unsignedinteger | np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the piece (26 neighbours) of each voxel (nx, ny, nz), 0 outside and from 1 on inside, in the order of
+    their first voxels, and the voxels of each piece (pieces,).
+    """
     pieces = np.empty(labels.shape, np.int32)
     count = int(scipy.ndimage.label(labels != 0, structure=np.ones((3, 3, 3)), output=pieces))  # pyright: ignore[reportArgumentType]
     sizes = np.zeros(count + 1, np.int64)

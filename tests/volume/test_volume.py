@@ -626,7 +626,7 @@ def test_too_little_memory_is_told(monkeypatch: pytest.MonkeyPatch, name: str) -
         "build": ("body.build.voxel_grid", lambda: build(volume, 1)),
         "resample": ("volume.volume._box", lambda: volume.resample(9)),
         "filled": ("volume.volume.in_convex_hull", lambda: volume.filled(FLESH)),
-        "largest_component": ("volume.volume._components", volume.largest_component),
+        "largest_component": ("volume.volume.components", volume.largest_component),
     }
     place, call = calls[name]
     monkeypatch.setattr(f"mjframes.{place}", greedy)
