@@ -49,10 +49,9 @@ def frame_moments(grid: Grid, weights: sparse.csr_array, degrees: Sequence[int])
     parts = [slice(start, start + SHARE) for start in range(0, len(grid.index), SHARE)]
 
     def first(part: slice) -> Array:
-        total = np.zeros((f, 4))
-        rows = weights.indptr[part.start : part.stop + 1]
-        _add_first(rows, weights.indices, weights.data, grid.index[part], grid.material[part], dm, total)
-        return total
+        rows, index = sparse.csr_array(weights[part]), grid.index[part]
+        rows.data = rows.data * np.repeat(dm[grid.material[part]], np.diff(rows.indptr))
+        return rows.T @ np.column_stack([np.ones(len(index)), index])
 
     sums = sum(in_parallel(first, parts), np.zeros((f, 4)))
     mass = sums[:, 0].copy()
@@ -74,25 +73,6 @@ def frame_moments(grid: Grid, weights: sparse.csr_array, degrees: Sequence[int])
     scale = np.sqrt(power[:, square].sum(axis=1) / mass)
     power /= scale[:, None] ** EXPONENTS.sum(axis=1)
     return FrameMoments(mass, grid.origin + (middle + 0.5) * grid.spacing @ grid.axes.T, scale * length, power)
-
-
-@njit(cache=True, nogil=True)
-def _add_first(
-    indptr: NDArray[np.integer],
-    indices: NDArray[np.integer],
-    data: NDArray,
-    index: NDArray[np.int32],
-    material: NDArray[np.unsignedinteger],
-    dm: Array,
-    total: Array,
-) -> None:
-    """Σ dm (1, index) of each frame."""
-    for v in range(len(index)):
-        for k in range(indptr[v], indptr[v + 1]):
-            share = dm[material[v]] * data[k]
-            total[indices[k], 0] += share
-            for axis in range(3):
-                total[indices[k], 1 + axis] += share * index[v, axis]
 
 
 @njit(cache=True, nogil=True)

@@ -8,6 +8,8 @@ surface stays near: a closed manifold surface remains one.
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -41,28 +43,18 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, target_vertices: int) -> t
     return x[used], inverse.reshape(f.shape).astype(np.int32)
 
 
-@njit(cache=True)
 def _quadrics(x: Array, faces: Ints) -> tuple[Array, float]:
     """Q (s, 10) of each vertex, the upper triangle of Σ_f A_f (n, d)(n, d)ᵀ row by row, and Σ_f A_f."""
-    quadric, total = np.zeros((len(x), 10)), 0.0
-    for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        n0, n1, n2 = _normal(x, a, b, x[c, 0], x[c, 1], x[c, 2])
-        double = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-        if double == 0.0:
-            continue
-        n0, n1, n2, area = n0 / double, n1 / double, n2 / double, double / 2
-        d = -(n0 * x[a, 0] + n1 * x[a, 1] + n2 * x[a, 2])
-        plane = (n0, n1, n2, d)
-        at = 0
-        for k in range(4):
-            for j in range(k, 4):
-                entry = area * plane[k] * plane[j]
-                for v in (a, b, c):
-                    quadric[v, at] += entry
-                at += 1
-        total += area
-    return quadric, total
+    a, b, c = x[faces].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    double = np.sqrt((normal**2).sum(axis=1))
+    normal /= np.where(double > 0, double, 1)[:, None]
+    plane, area = np.column_stack([normal, -(normal * a).sum(axis=1)]), double / 2
+    quadric = [
+        np.bincount(faces.ravel(), np.repeat(area * plane[:, k] * plane[:, j], 3), len(x))
+        for k, j in combinations_with_replacement(range(4), 2)
+    ]
+    return np.stack(quadric, axis=1).astype(np.float64), float(np.cumsum(area)[-1])
 
 
 @njit(cache=True, inline="always")
