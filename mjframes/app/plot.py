@@ -27,7 +27,14 @@ RESOLUTION = 120  # [dots per inch] of a .png: 1440 pixels wide
 
 @contextmanager
 def plot_file(path: str | os.PathLike[str]) -> Iterator[Callable[[Recording], None]]:
-    """A function that draws a recording; the file (.png, .pdf, .svg) appears when the block succeeds.
+    """A function that draws a recording; raises what `figure_file` does."""
+    with figure_file(path, (12, 7.5)) as figure:
+        yield lambda recording: _draw(recording, figure)
+
+
+@contextmanager
+def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
+    """An empty figure of a size [inch]; its file (.png, .pdf, .svg) appears when the block succeeds.
 
     Raises MjframesError where matplotlib is missing, for another ending, or where the file cannot be written.
     """
@@ -35,13 +42,9 @@ def plot_file(path: str | os.PathLike[str]) -> Iterator[Callable[[Recording], No
     if Path(path).suffix.lower() not in FORMATS:
         raise MjframesError(f"{path}: a plot is written as .png, .pdf or .svg; give the path one of these endings.")
     with replacing(path, "the plot") as partial:
-
-        def save(recording: Recording) -> None:
-            figure = Figure(figsize=(12, 7.5), layout="constrained")
-            _draw(recording, figure)
-            figure.savefig(partial, dpi=RESOLUTION)
-
-        yield save
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        figure.savefig(partial, dpi=RESOLUTION)
 
 
 def _draw(recording: Recording, figure: Figure) -> None:

@@ -12,6 +12,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -21,11 +22,13 @@ from mjframes.app.dented import skin_vertices
 from mjframes.app.hertz import Ground, hertz_force, where_it_fails
 from mjframes.base.errors import MjframesError, reason
 from mjframes.base.files import replacing
-from mjframes.base.packages import optional
 from mjframes.scene import forces, scaling
 from mjframes.scene.load import DIVERGED, load_scene, mujoco_warnings, start
 from mjframes.scene.plugin_text import SEPARATOR
 from mjframes.scene.view import Soft, soft, soft_names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -335,19 +338,15 @@ def write_table(pressed: Pressed, path: Path) -> None:
         writer.writerows([f"{value:.6g}" for value in row] for row in np.stack(columns, axis=1))
 
 
-def plot_press(pressed: Pressed, path: Path, title: str) -> None:
-    """Draw force over depth (.png, .pdf, .svg). Raise MjframesError where matplotlib is missing."""
-    Figure = optional("matplotlib.figure", "a plot", "plot").Figure
-    with replacing(path, "the plot") as partial:
-        figure = Figure(figsize=(7, 5), layout="constrained")
-        axes = figure.subplots()
-        axes.plot(1e3 * pressed.depth, pressed.force, label="force")
-        if pressed.hertz is not None:
-            axes.plot(1e3 * pressed.depth, pressed.hertz, "k--", label="Hertz")
-            axes.legend()
-        axes.set(xlabel="depth [mm]", ylabel="force [N]", title=title)
-        axes.grid(alpha=0.3)
-        figure.savefig(partial, dpi=120)
+def plot_press(pressed: Pressed, figure: Figure, title: str) -> None:
+    """Draw force over depth."""
+    axes = figure.subplots()
+    axes.plot(1e3 * pressed.depth, pressed.force, label="force")
+    if pressed.hertz is not None:
+        axes.plot(1e3 * pressed.depth, pressed.hertz, "k--", label="Hertz")
+        axes.legend()
+    axes.set(xlabel="depth [mm]", ylabel="force [N]", title=title)
+    axes.grid(alpha=0.3)
 
 
 def summary(pressed: Pressed) -> str:

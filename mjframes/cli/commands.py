@@ -183,6 +183,7 @@ def replay(arguments: argparse.Namespace) -> int:
 
 def press(arguments: argparse.Namespace) -> int:
     """Press an indenter into a soft body; write force over depth as plot and table."""
+    from mjframes.app.plot import figure_file
     from mjframes.app.press import Indenter, plot_press, summary, write_table
     from mjframes.app.press import press as press_body
 
@@ -190,17 +191,11 @@ def press(arguments: argparse.Namespace) -> int:
     plot = Path(arguments.plot or scene.with_name(f"{scene.stem}-press.png"))
     table = Path(arguments.table or scene.with_name(f"{scene.stem}-press.csv"))
     kind, size = arguments.indenter
-    pressed = press_body(
-        scene,
-        Indenter(kind, size),
-        arguments.depth,
-        body=arguments.body,
-        at=arguments.at,
-        direction=arguments.direction,
-        speed=arguments.speed,
-    )
-    write_table(pressed, table)
-    plot_press(pressed, plot, f"{scene.stem}: {kind}:{1e3 * size:g}mm")
+    path = {"at": arguments.at, "direction": arguments.direction, "speed": arguments.speed}
+    with figure_file(plot, (7, 5)) as figure:  # before the press, which takes a while
+        pressed = press_body(scene, Indenter(kind, size), arguments.depth, body=arguments.body, **path)
+        write_table(pressed, table)
+        plot_press(pressed, figure, f"{scene.stem}: {kind}:{1e3 * size:g}mm")
     for note in pressed.notes:
         print(f"mjframes: {note}", file=sys.stderr)
     print(f"{plot}, {table}: {summary(pressed)}")

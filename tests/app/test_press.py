@@ -168,6 +168,7 @@ def test_what_cannot_be_pressed_is_refused(tmp_path: Path, options: dict[str, An
         (["--with", "cone:1mm", "--depth", "1mm"], "'cone:1mm' is not ball:RADIUS"),
         (["--with", "ball:1mm", "--depth", "0"], "depth is 0.0; it must be a positive length"),
         (["--with", "ball:1mm", "--depth", "1mm", "--direction", "up"], "'up' is not an axis like -z"),
+        (["--with", "ball:1mm", "--depth", "1mm", "--plot", "a.txt"], "a.txt: a plot is written as .png, .pdf or .svg"),
     ],
 )
 def test_mistakes_end_in_a_sentence(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
