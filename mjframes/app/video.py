@@ -33,14 +33,14 @@ Picture = NDArray[np.uint8]
 
 @contextmanager
 def painter(
-    model: mujoco.MjModel, camera: str | None = None, size: tuple[int, int] = (1280, 720)
+    model: mujoco.MjModel, camera: str | mujoco.MjvCamera | None = None, size: tuple[int, int] = (1280, 720)
 ) -> Iterator[Callable[[mujoco.MjData], Picture]]:
-    """A function that draws a state as a picture (height, width, 3); arguments as of `film`."""
-    number = find_camera(model, camera)
+    """A function that draws a state as a picture (height, width, 3); arguments as of `still`."""
+    view = camera if isinstance(camera, mujoco.MjvCamera) else find_camera(model, camera)
     renderer = make_renderer(model, *size)
 
     def paint(data: mujoco.MjData) -> Picture:
-        renderer.update_scene(data, camera=number)
+        renderer.update_scene(data, view)
         draw_dents(model, data, renderer.scene)
         return renderer.render()
 
@@ -157,14 +157,8 @@ def still(
     """
     require_model(model)
     require_data(data)
-    view = camera if isinstance(camera, mujoco.MjvCamera) else find_camera(model, camera)
-    renderer = make_renderer(model, *size)
-    try:
-        renderer.update_scene(data, view)
-        draw_dents(model, data, renderer.scene)
-        return renderer.render()
-    finally:
-        renderer.close()
+    with painter(model, camera, size) as paint:
+        return paint(data)
 
 
 def look_from(lookat: Sequence[float], distance: float, azimuth: float, elevation: float) -> mujoco.MjvCamera:
