@@ -328,6 +328,22 @@ def shells_of(n: int, triangles: NDArray[np.int64]) -> NDArray[np.int32]:
     return np.unique(vertex_part[a], return_inverse=True)[1].astype(np.int32)
 
 
+def shells_around(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], shell: NDArray[np.int32]
+) -> list[list[int]]:
+    """Return for each shell those around it: WITNESSES of its vertices are inside of them."""
+    parts = [triangles[shell == s] for s in range(shell.max() + 1)]
+    low, high = (np.array([end(points[part], axis=(0, 1)) for part in parts]) for end in (np.min, np.max))
+    found = []
+    for s, part in enumerate(parts):
+        own = np.unique(part)
+        witnesses = points[own[np.linspace(0, len(own) - 1, min(WITNESSES, len(own))).astype(int)]]
+        boxed = (low <= low[s]).all(axis=1) & (high >= high[s]).all(axis=1)
+        others = [o for o in np.flatnonzero(boxed).tolist() if o != s]
+        found.append([o for o in others if (np.abs(winding_number(witnesses, points[parts[o]])) > 0.5).all()])
+    return found
+
+
 def _edges(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """The edges: (e,) place of a side in triangles.ravel(), (e,) number of sides, (e,) balance of directions.
 
@@ -372,20 +388,11 @@ def _inside_out(
     turned = volume < 0
     if not turned.any() or len(volume) == 1:
         return turned
-    corners = points[triangles]
-    part = [np.flatnonzero(shell == s) for s in range(len(volume))]
-    low = np.array([corners[ids].min(axis=(0, 1)) for ids in part])
-    high = np.array([corners[ids].max(axis=(0, 1)) for ids in part])
+    around = shells_around(points, triangles, shell)
     for s in np.argsort(-np.abs(volume)):
-        if mixed[s]:
-            continue
-        around = (np.abs(volume) > np.abs(volume[s])) & (low <= low[s]).all(axis=1) & (high >= high[s]).all(axis=1)
-        own = np.unique(triangles[part[s]])
-        witnesses = points[own[np.linspace(0, len(own) - 1, min(WITNESSES, len(own))).astype(int)]]
-        for outer in sorted(np.flatnonzero(around & ~mixed), key=lambda o: abs(volume[o])):
-            if (np.abs(winding_number(witnesses, corners[part[outer]])) > 0.5).all():
-                turned[s] = turned[outer]
-                break
+        outer = [o for o in around[s] if not (mixed[o] or mixed[s]) and abs(volume[o]) > abs(volume[s])]
+        if outer:
+            turned[s] = turned[min(outer, key=lambda o: abs(volume[o]))]
     return turned
 
 

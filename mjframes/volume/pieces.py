@@ -13,13 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
-from mjframes.volume.meshes import load_surface, open_scene, shells_of, winding_number
+from mjframes.volume.meshes import load_surface, open_scene, shells_around, shells_of
 
 if TYPE_CHECKING:
     import trimesh
-
-INSIDE = 0.5  # [-] winding number from which on a point is inside
-WITNESSES = 16  # vertices of a surface that are all inside another one, if it is
 
 
 def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
@@ -85,20 +82,7 @@ def _objects(path: Path) -> dict[str, trimesh.Trimesh]:
 def _owners(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """(m,) the piece of each triangle: its connected surface, or the outermost one around that."""
     shell = shells_of(len(points), triangles)
-    count = int(shell.max()) + 1
-    parts = [triangles[shell == s] for s in range(count)]
-    low = np.array([points[part].min(axis=(0, 1)) for part in parts])
-    high = np.array([points[part].max(axis=(0, 1)) for part in parts])
-    owner = np.arange(count)
-    for s in range(count):
-        around = (low <= low[s]).all(axis=1) & (high >= high[s]).all(axis=1)
-        used = np.unique(parts[s])
-        witnesses = points[used[np.linspace(0, len(used) - 1, min(WITNESSES, len(used))).astype(int)]]
-        outer = [
-            int(o)
-            for o in np.flatnonzero(around)
-            if o != s and (np.abs(winding_number(witnesses, points[parts[o]])) > INSIDE).all()
-        ]
-        if outer:
-            owner[s] = max(outer, key=lambda o: float(np.prod(high[o] - low[o])))
-    return owner[shell]
+    around = shells_around(points, triangles, shell)
+    box = [float(np.prod(np.ptp(points[triangles[shell == s]], axis=(0, 1)))) for s in range(len(around))]
+    owner = [max(outer, key=box.__getitem__) if outer else s for s, outer in enumerate(around)]
+    return np.array(owner)[shell]
