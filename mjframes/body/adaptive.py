@@ -1,7 +1,8 @@
 """The fewest frames that keep an error: tried in ascending number, from where their coordinates alone may reach it.
 
-Where nothing is asked for, KEPT is kept with few trials: a body's error is about as many times that of its coordinates
-alone, whatever the number of its frames, and one trial says how many.
+Where nothing is asked for, KEPT is kept with few trials: a body's error under small loads is about as many times that
+of its coordinates alone, whatever the number of its frames, and one trial says how many. That in far bends falls about
+with the square of the number.
 """
 
 from __future__ import annotations
@@ -52,10 +53,11 @@ def fewest_frames(
             best = made.error.largest, count, made.error
     if best is None:
         raise MjframesError(f"error is {error!r}, but the body has room for {most} frames only; give frames.")
-    weight = "" if best[2].weight is None else f"under its own weight {best[2].weight:.2g}, "
+    parts = {"under its own weight": best[2].weight, "under pushes": best[2].pushes, "in far bends": best[2].bends}
+    told = ", ".join(f"{name} {part:.2g}" for name, part in parts.items() if part is not None)
     raise MjframesError(
-        f"error is {error!r}, but of up to {COUNTS[-1]} frames {best[1]} do best, with {best[0]:.2g} ({weight}under "
-        f"pushes {best[2].pushes:.2g}); ask for no less than that, or give frames."
+        f"error is {error!r}, but of up to {COUNTS[-1]} frames {best[1]} do best, with {best[0]:.2g} ({told}); "
+        "ask for no less than that, or give frames."
     )
 
 
@@ -85,7 +87,7 @@ def sufficient_frames(
     place, condense: as in `fewest_frames`; numbers for which they raise MjframesError are left out.
     Raise MjframesError if all are.
     """
-    errors: dict[int, float] = {}
+    errors: dict[int, BodyError] = {}
     best: tuple[Frames, Condensed] | None = None
 
     @cache
@@ -107,25 +109,27 @@ def sufficient_frames(
             if not left:
                 raise
             continue
-        errors[count] = made.error.largest
+        errors[count] = made.error
         if best is None or _rank(count, errors) == min(_rank(some, errors) for some in errors):
             best = frames, made
     assert best is not None
     return best
 
 
-def _promising(counts: Sequence[int], guess: Callable[[int], float], errors: Mapping[int, float]) -> int | None:
+def _promising(counts: Sequence[int], guess: Callable[[int], float], errors: Mapping[int, BodyError]) -> int | None:
     """The next number to try, by what is expected of it after those that are known; None for no other.
 
     guess: the error of a number's coordinates [-].
     """
     known = sorted(errors)
-    ratios = [errors[count] / guess(count) for count in known]
+    ratios = [max(errors[count].weight or 0.0, errors[count].pushes) / guess(count) for count in known]
 
     def forecast(count: int) -> float:
-        return guess(count) * (np.interp(np.log(count), np.log(known), ratios) if known else RATIO)
+        small = guess(count) * (np.interp(np.log(count), np.log(known), ratios) if known else RATIO)
+        bends = min(((errors[some].bends or 0.0) * (some / count) ** 2 for some in known), default=0.0)
+        return max(small, bends)
 
-    enough = min((count for count in known if errors[count] <= KEPT), default=None)
+    enough = min((count for count in known if errors[count].largest <= KEPT), default=None)
     fewer = [count for count in counts if count not in errors and (enough is None or count < enough)]
     if (found := next((count for count in fewer if forecast(count) <= KEPT), None)) is not None:
         return found
@@ -133,6 +137,6 @@ def _promising(counts: Sequence[int], guess: Callable[[int], float], errors: Map
     return least if enough is None and least not in errors else None
 
 
-def _rank(count: int, errors: Mapping[int, float]) -> tuple[bool, float]:
+def _rank(count: int, errors: Mapping[int, BodyError]) -> tuple[bool, float]:
     """Those that keep KEPT come first, fewer before more, then the others, by their errors."""
-    return (True, errors[count]) if errors[count] > KEPT else (False, count)
+    return (True, errors[count].largest) if errors[count].largest > KEPT else (False, count)

@@ -40,7 +40,7 @@ def check_body(body: SoftBody) -> None:
     _numbers("control.scale", control.scale, (k,), least=0)
     _require("mode", body.mode in MODES)
     _require("damping", len(body.damping) == 2 and all(np.isfinite(some) and some >= 0 for some in body.damping))
-    error = () if body.error is None else (body.error.weight or 0.0, body.error.pushes)
+    error = () if body.error is None else (body.error.weight or 0.0, body.error.pushes, body.error.bends or 0.0)
     _require("error", all(np.isfinite(some) for some in error))
     sizes = _check_regions(body, k)
     _check_law(body, sizes)

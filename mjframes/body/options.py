@@ -77,7 +77,7 @@ class BuildOptions:
     error: float | None = field(
         default=None,
         metadata=option(
-            "take the fewest frames with an error below this, 0.05 for 5 % [-]; both errors of `BodyError` count",
+            "take the fewest frames with an error below this, 0.05 for 5 % [-]; all errors of `BodyError` count",
             reads=texts.share,
             metavar="E",
             instead_of="frames",

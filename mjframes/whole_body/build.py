@@ -7,7 +7,7 @@ mesh and solver → superelement → covariance selection → regions → contro
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,8 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
-from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured
+from mjframes.whole_body.error import BodyError, LoadCases, coordinates, far_moved, load_cases, measured
+from mjframes.whole_body.far_bends import far_bends
 from mjframes.whole_body.modes import Lifting, displaced, lifting
 from mjframes.whole_body.probes import Answers, Probes, answers, probed, probes
 from mjframes.whole_body.pushes import free_surface
@@ -135,10 +136,15 @@ def whole_body(
     moved += displaced(lifted, stiffness, region, x)
     error, where = measured(grid, finite.cases, finite.exact, moved)
     del moved
+    far = far_moved(grid, finite.cases, finite.exact)
     some = None
     if laws:
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
+    linear = some.remainder if some else stiffness.matrix
+    firmness = float(grid.young.sum()) * grid.cell_volume
+    points = x.reshape(len(control.frame), 3, -1)
+    error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, far, firmness))
     shapes = ShapeFunctions(shapes.weights, control, change)
     return Condensed(stiffness, region, shapes, lifted, error, where, some, answered)
 

@@ -7,8 +7,8 @@ adds the modes of `lifting` to W,
     weight = max over directions g of |Σ_a g_a (û_a − u_a)| / |Σ_a g_a u_a|
     pushes = max over pushes of |û − u| outside of FAR radii / |u|
 
-in L2 over the voxels, a free body's without rigid motion. For frames that are not built yet (`expected`) the error of
-their coordinates stands in, u − Φ G⁻¹ Bᵀ u: that needs weights only, and no further solution.
+in L2 over the voxels, a free body's without rigid motion; far bends have `far_bends`. For frames that are not built yet
+(`expected`) the error of their coordinates stands in, u − Φ G⁻¹ Bᵀ u: that needs weights only, and no further solution.
 Index letters: v voxel; a axis; c load case.
 """
 
@@ -40,21 +40,25 @@ class BodyError:
 
     weight: under its own weight, in the direction where that is most; None for a body that nothing holds.
     pushes: the largest of some pushes on 8 % of the surface each, away from where it is pushed.
+    bends: by how much the body moves too little where such loads bend it far, see `far_bends`; None where that is
+        not known, as of a body that an earlier version saved.
     """
 
     weight: float | None
     pushes: float
+    bends: float | None = None
 
     def __str__(self) -> str:
         """Return it as a part of a sentence, with what helps where it is large."""
         weight = "" if self.weight is None else f"{self.weight:.1%} under its own weight, "
+        bends = "" if self.bends is None else f", {self.bends:.1%} in far bends"
         advice = ADVICE if self.largest > LARGE else ""
-        return f"{weight}{self.pushes:.1%} under pushes, against finite elements{advice}"
+        return f"{weight}{self.pushes:.1%} under pushes{bends}, against finite elements{advice}"
 
     @property
     def largest(self) -> float:
-        """Return the larger of the two."""
-        return max(self.weight or 0.0, self.pushes)
+        """Return the largest of the three."""
+        return max(self.weight or 0.0, self.pushes, self.bends or 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +130,7 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
 
     That is (n,) its rms over the cases, to that of u.
     """
-    difference, size = np.subtract(found, exact, order="C"), exact.astype(np.float64, order="C")
-    if not cases.weights:
-        motion = motion_basis(grid.centers)
-        for field in (difference, size):
-            flat = field.reshape(len(motion), -1)
-            flat -= motion @ (motion.T @ flat)
+    difference, size = (_deformed(grid, cases, field) for field in (np.subtract(found, exact), exact))
     norm = np.linalg.norm(size, axis=(0, 1))
     norm = np.where(norm > 0, norm, np.inf)  # a single voxel does not move
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
@@ -143,3 +142,19 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
         weight = float(np.sqrt(np.max(np.linalg.eigvals(np.linalg.solve(whole, square)).real)))
     where = np.sqrt(np.mean((difference**2).sum(axis=1) / norm**2, axis=1) * len(difference))
     return BodyError(weight, float(max(apart[cases.weights :]))), where
+
+
+def far_moved(grid: Grid, cases: LoadCases, exact: NDArray[np.floating]) -> Array:
+    """Return (c,) how far displacements `exact` (n, 3, c) go at most, to the length of the body [-]."""
+    length = grid.length + float(grid.spacing.max())
+    return np.linalg.norm(_deformed(grid, cases, exact), axis=1).max(axis=0) / length
+
+
+def _deformed(grid: Grid, cases: LoadCases, moved: NDArray[np.floating]) -> Array:
+    """The same (n, 3, c), a free body's without rigid motion."""
+    field = moved.astype(np.float64, order="C")
+    if not cases.weights:
+        motion = motion_basis(grid.centers)
+        flat = field.reshape(len(motion), -1)
+        flat -= motion @ (motion.T @ flat)
+    return field

@@ -100,4 +100,5 @@ def test_a_body_of_one_voxel_has_one_frame() -> None:
 def test_a_large_error_carries_advice() -> None:
     assert "more frames" in str(BodyError(0.01, 0.31))
     assert "more frames" in str(BodyError(0.31, 0.01))
-    assert "more frames" not in str(BodyError(0.29, 0.3))
+    assert "more frames" in str(BodyError(0.01, 0.01, 0.31))
+    assert "more frames" not in str(BodyError(0.29, 0.3, 0.3))
