@@ -50,7 +50,7 @@ def on_cluster(
             except ray.exceptions.RayError as error:
                 if isinstance(getattr(error, "cause", None), MjframesError):
                     raise error.cause from error
-                last_line = str(error).splitlines()[-1]
+                last_line = (str(error).splitlines() or [type(error).__name__])[-1]
                 raise MjframesError(f"the cluster could not compute a shard ({last_line}).") from error
     finally:
         ray.shutdown()
