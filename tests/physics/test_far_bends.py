@@ -63,6 +63,21 @@ def test_a_cable_bends_a_bar_to_an_arc_of_45_degrees(frames: int, bound: float) 
     assert moved == pytest.approx(length * (1 - np.cos(angle)) / angle, rel=bound)
 
 
+def sunk(body: mf.SoftBody, tip: tuple[float, float, float]) -> float:
+    """[m] how far a point sinks under the body's own weight, which comes slowly."""
+    spec = mujoco.MjSpec()
+    mf.attach(spec, body, "body", contact=False)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for share in np.linspace(0, 1, 1500):
+        model.opt.gravity[2] = -GRAVITY * share
+        mujoco.mj_step(model, data)
+    mujoco.mj_step(model, data, nstep=3500)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qvel).max() < 2e-3
+    return -float((mf.soft(model, data, "body", body).positions([tip]) - tip)[0, 2])
+
+
 def hanging_flap(frames: int | None, frame_type: str = "affine") -> tuple[mf.SoftBody, float]:
     """A flap of 30 × 12 × 0.8 cm that is held at one end, and how far its tip sinks, over the elastica."""
     labels = np.ones((77, 30, 2), int)
@@ -71,21 +86,9 @@ def hanging_flap(frames: int | None, frame_type: str = "affine") -> tuple[mf.Sof
     young = 4e7
     volume = mf.Volume.from_labels(labels, 0.004, {1: mf.Material(young, 0, DENSITY)}, origin=(-0.008, 0, 0))
     body = mf.build(volume, frames, frame_type=frame_type, supports=[mf.Fixed(held)], damping=(1.0, 0.01))
-    spec = mujoco.MjSpec()
-    mf.attach(spec, body, "flap", contact=False)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    tip = np.array([(0.2999, 0.06, 0.004)])
-    for share in np.linspace(0, 1, 1000):
-        model.opt.gravity[2] = -GRAVITY * share
-        mujoco.mj_step(model, data)
-    mujoco.mj_step(model, data, nstep=3000)
-    mujoco.mj_forward(model, data)
-    assert np.abs(data.qvel).max() < 1e-6
-    sunk = -(mf.soft(model, data, "flap", body).positions(tip) - tip)[0, 2]
     whole = weighed_down(young, 0.3, 0.008)
     assert whole == pytest.approx(0.15 * 0.3, rel=0.03)
-    return body, sunk / whole
+    return body, sunk(body, (0.2999, 0.06, 0.004)) / whole
 
 
 @pytest.mark.filterwarnings("ignore:frames are not given")
@@ -116,16 +119,4 @@ def test_the_error_in_far_bends_is_told(frames: int) -> None:
 def test_a_strip_hangs_down_as_the_elastica_does(young: float, frames: int) -> None:
     """Finite elements of the same law, which stretch, too, hang 0.999, 1.015 and 1.047 times as far."""
     body = held_bar(np.ones((22, 6, 2), int), 0.01, 2, mf.Material(young, 0.3, DENSITY), frames)
-    spec = mujoco.MjSpec()
-    mf.attach(spec, body, "strip", contact=False)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    tip = np.array([(0.1999, 0.03, 0.01)])
-    for share in np.linspace(0, 1, 1500):
-        model.opt.gravity[2] = -GRAVITY * share
-        mujoco.mj_step(model, data)
-    mujoco.mj_step(model, data, nstep=3500)
-    mujoco.mj_forward(model, data)
-    assert np.abs(data.qvel).max() < 2e-3
-    moved = -(mf.soft(model, data, "strip", body).positions(tip) - tip)[0, 2]
-    assert moved == pytest.approx(weighed_down(young, 0.2, 0.02), rel=0.08)
+    assert sunk(body, (0.1999, 0.03, 0.01)) == pytest.approx(weighed_down(young, 0.2, 0.02), rel=0.08)
