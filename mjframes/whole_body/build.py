@@ -45,6 +45,7 @@ class FiniteElements:
     held: how many pieces are.
     cases: loads.
     exact: (n, 3, c) float32, how they move the voxels [m], in volume coordinates.
+    far: (c,) how far at most, to the length of the body [-].
     probes: small pushes.
     """
 
@@ -52,6 +53,7 @@ class FiniteElements:
     held: int
     cases: LoadCases
     exact: NDArray[np.float32]
+    far: Array
     probes: Probes
 
 
@@ -93,7 +95,8 @@ def finite_elements(
     exact = np.einsum("ab,vbc->vac", axes, moved)
     count = cases.force.shape[2]
     of_probes = probed(grid, small, pushed, exact[:, :, count:])
-    return FiniteElements(solver, len(cores), cases, exact[:, :, :count].copy(), of_probes)
+    own = exact[:, :, :count].copy()
+    return FiniteElements(solver, len(cores), cases, own, far_moved(grid, cases, own), of_probes)
 
 
 def whole_body(
@@ -136,7 +139,6 @@ def whole_body(
     moved += displaced(lifted, stiffness, region, x)
     error, where = measured(grid, finite.cases, finite.exact, moved)
     del moved
-    far = far_moved(grid, finite.cases, finite.exact)
     some = None
     if laws:
         progress("placing the cells")
@@ -144,7 +146,7 @@ def whole_body(
     linear = some.remainder if some else stiffness.matrix
     firmness = float(grid.young.sum()) * grid.cell_volume
     points = x.reshape(len(control.frame), 3, -1)
-    error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, far, firmness))
+    error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, finite.far, firmness))
     shapes = ShapeFunctions(shapes.weights, control, change)
     return Condensed(stiffness, region, shapes, lifted, error, where, some, answered)
 
