@@ -97,6 +97,16 @@ double CurvatureOf(const Placed& soft, const SurfacePoint& point, double near) {
   return total > 0 ? 2 * moment / total : 0;
 }
 
+// Whether p, which is below the surface at the point, is outside again: on the other side of something thin.
+bool IsBeyond(const DeformedPatch& body, const Vec3& p, const SurfacePoint& point) {
+  Vec3 xi = point.xi;
+  DeformedPatch::Cube cube = point.cube;
+  Mat3 slope;
+  const auto found = body.Find(p, false, mjMAXVAL, &xi, &cube, &slope);
+  if (found != DeformedPatch::Search::kFound) return found == DeformedPatch::Search::kOutside;
+  return body.contact().field.Distance(cube.nodes, xi - cube.base) > 0;
+}
+
 }  // namespace
 
 bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& query, const Placed& soft, double margin,
@@ -112,7 +122,9 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   Descend(body, query, soft.pose.slope, std::abs(radius + point.distance), kRoundStride * field.spacing, &point);
   if (!field.IsNearest(point.cube.nodes, point.xi - point.cube.base, soft.number)) return false;
   // where its centre is inside, the geom's nearest point is not its deepest
-  const Vec3 normal = point.normal, tip = Farthest(m, d, geom, -1 * normal);
+  const Vec3 normal = point.normal, centre = ToVec3(d->geom_xpos + 3 * geom);
+  if (Dot(normal, centre - point.position) < 0 && IsBeyond(body, centre, point)) return false;
+  const Vec3 tip = Farthest(m, d, geom, -1 * normal);
   const double distance = Dot(normal, tip - point.position);
   if (!(distance < margin)) return false;
   const Vec3 place = point.position + 0.5 * distance * normal;

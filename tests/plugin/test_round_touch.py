@@ -90,3 +90,20 @@ def test_the_flesh_below_is_that_of_the_place() -> None:
         row = data.contact[int(np.argmin(data.contact.dist))].efc_address
         force.append(data.efc_KBIP[row, 0])
     assert force[0] > 4 * force[1]
+
+
+@pytest.mark.parametrize("dents", [True, False])
+@pytest.mark.parametrize("name", ROUND)
+def test_what_lies_on_a_thin_sheet_is_not_pushed_through_it(name: str, dents: bool) -> None:
+    """The other side, which is near, pushed down a ball that had not yet touched."""
+    shape, size = ROUND[name]
+    volume = Volume.box((0.3, 0.12, 0.008), Material(5e5, 0.4, 1100), spacing=0.004)
+    _, data = above(shape, size, build(volume, 3), dents)
+    rng = np.random.default_rng(1)
+    for depth in (-0.004, -1e-3, 1e-3, 0.003, 0.006):
+        for x, y in rng.uniform((-0.1, -0.03), (0.1, 0.03), (10, 2)):
+            quat = rng.normal(size=4)
+            bring(data, np.array([x, y, 0.004 - depth]), quat / np.linalg.norm(quat))
+            assert (depth > 0) == (data.ncon > 0)
+            assert (data.contact.frame[:, 2] < -0.3).all()  # down, out of the geom
+            assert (data.contact.dist > -1.1 * depth - 1e-4).all()
