@@ -36,5 +36,5 @@ def reason(error: BaseException) -> str:
 
 def out_of_memory(error: MemoryError) -> str:
     """Return the sentence on it."""
-    reason = f" ({error})" if str(error) else ""
-    return f"there is not enough memory{reason}; take fewer voxels, as with --voxels, or fewer frames."
+    told = f" ({error})" if str(error) else ""
+    return f"there is not enough memory{told}; take fewer voxels, as with --voxels, or fewer frames."

@@ -53,8 +53,7 @@ def fewest_frames(
             best = made.error.largest, count, made.error
     if best is None:
         raise MjframesError(f"error is {error!r}, but the body has room for {most} frames only; give frames.")
-    parts = {"under its own weight": best[2].weight, "under pushes": best[2].pushes, "in far bends": best[2].bends}
-    told = ", ".join(f"{name} {part:.2g}" for name, part in parts.items() if part is not None)
+    told = ", ".join(f"{where} {part:.2g}" for where, part in best[2].parts.items())
     raise MjframesError(
         f"error is {error!r}, but of up to {COUNTS[-1]} frames {best[1]} do best, with {best[0]:.2g} ({told}); "
         "ask for no less than that, or give frames."

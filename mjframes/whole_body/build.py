@@ -24,7 +24,7 @@ from mjframes.kinematics.shape_functions import ShapeFunctions
 from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
-from mjframes.whole_body.error import BodyError, LoadCases, coordinates, far_moved, load_cases, measured
+from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured, reaches
 from mjframes.whole_body.far_bends import far_bends
 from mjframes.whole_body.modes import Lifting, displaced, lifting
 from mjframes.whole_body.probes import Answers, Probes, answers, probed, probes
@@ -45,7 +45,7 @@ class FiniteElements:
     held: how many pieces are.
     cases: loads.
     exact: (n, 3, c) float32, how they move the voxels [m], in volume coordinates.
-    far: (c,) how far at most, to the length of the body [-].
+    reach: (c,) how far at most, to the length of the body [-].
     probes: small pushes.
     """
 
@@ -53,7 +53,7 @@ class FiniteElements:
     held: int
     cases: LoadCases
     exact: NDArray[np.float32]
-    far: Array
+    reach: Array
     probes: Probes
 
 
@@ -96,7 +96,7 @@ def finite_elements(
     count = cases.force.shape[2]
     of_probes = probed(grid, small, pushed, exact[:, :, count:])
     own = exact[:, :, :count].copy()
-    return FiniteElements(solver, len(cores), cases, own, far_moved(grid, cases, own), of_probes)
+    return FiniteElements(solver, len(cores), cases, own, reaches(grid, cases, own), of_probes)
 
 
 def whole_body(
@@ -146,7 +146,7 @@ def whole_body(
     linear = some.remainder if some else stiffness.matrix
     firmness = float(grid.young.sum()) * grid.cell_volume
     points = x.reshape(len(control.frame), 3, -1)
-    error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, finite.far, firmness))
+    error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, finite.reach, firmness))
     shapes = ShapeFunctions(shapes.weights, control, change)
     return Condensed(stiffness, region, shapes, lifted, error, where, some, answered)
 

@@ -50,15 +50,19 @@ class BodyError:
 
     def __str__(self) -> str:
         """Return it as a part of a sentence, with what helps where it is large."""
-        weight = "" if self.weight is None else f"{self.weight:.1%} under its own weight, "
-        bends = "" if self.bends is None else f", {self.bends:.1%} in far bends"
-        advice = ADVICE if self.largest > LARGE else ""
-        return f"{weight}{self.pushes:.1%} under pushes{bends}, against finite elements{advice}"
+        told = "".join(f"{error:.1%} {where}, " for where, error in self.parts.items())
+        return f"{told}against finite elements{ADVICE if self.largest > LARGE else ''}"
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Return those that are known, by where they occur."""
+        parts = {"under its own weight": self.weight, "under pushes": self.pushes, "in far bends": self.bends}
+        return {where: error for where, error in parts.items() if error is not None}
 
     @property
     def largest(self) -> float:
-        """Return the largest of the three."""
-        return max(self.weight or 0.0, self.pushes, self.bends or 0.0)
+        """Return the largest of them."""
+        return max(self.parts.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +134,8 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
 
     That is (n,) its rms over the cases, to that of u.
     """
-    difference, size = (_deformed(grid, cases, field) for field in (np.subtract(found, exact), exact))
+    difference, size = np.subtract(found, exact, order="C"), exact.astype(np.float64, order="C")
+    _leave_deformations(grid, cases, difference, size)
     norm = np.linalg.norm(size, axis=(0, 1))
     norm = np.where(norm > 0, norm, np.inf)  # a single voxel does not move
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
@@ -144,17 +149,18 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
     return BodyError(weight, float(max(apart[cases.weights :]))), where
 
 
-def far_moved(grid: Grid, cases: LoadCases, exact: NDArray[np.floating]) -> Array:
+def reaches(grid: Grid, cases: LoadCases, exact: NDArray[np.floating]) -> Array:
     """Return (c,) how far displacements `exact` (n, 3, c) go at most, to the length of the body [-]."""
-    length = grid.length + float(grid.spacing.max())
-    return np.linalg.norm(_deformed(grid, cases, exact), axis=1).max(axis=0) / length
+    moved = exact.astype(np.float64, order="C")
+    _leave_deformations(grid, cases, moved)
+    return np.linalg.norm(moved, axis=1).max(axis=0) / (grid.length + float(grid.spacing.max()))
 
 
-def _deformed(grid: Grid, cases: LoadCases, moved: NDArray[np.floating]) -> Array:
-    """The same (n, 3, c), a free body's without rigid motion."""
-    field = moved.astype(np.float64, order="C")
-    if not cases.weights:
-        motion = motion_basis(grid.centers)
+def _leave_deformations(grid: Grid, cases: LoadCases, *displacements: Array) -> None:
+    """Take the rigid motions of a free body from its displacements (n, 3, c), in place."""
+    if cases.weights:
+        return
+    motion = motion_basis(grid.centers)
+    for field in displacements:
         flat = field.reshape(len(motion), -1)
         flat -= motion @ (motion.T @ flat)
-    return field

@@ -41,7 +41,7 @@ def far_bends(
     linear: Sequence[Array],
     covariance: Array,
     moved: Array,
-    length: Array,
+    reach: Array,
     firmness: float,
 ) -> float:
     """Return by how much less than it should a body moves under loads that bend it far, in the worst case [-].
@@ -49,7 +49,7 @@ def far_bends(
     stiffness: K_i and ḡ of the regions.  covariance: K⁺ (3k, 3k).
     linear: (3m, 3m) of each region, what of K_i is not in the cells of a hyperelastic law, which know turns.
     moved: (k, 3, c) how the control points answer to some loads, to first order [m].
-    length: (c,) how much of its own length the body moves there [-].
+    reach: (c,) how much of its own length the body moves there [-].
     firmness: Σ E V [J], to which a strain's energy is compared.
     """
     shape = moved.shape
@@ -68,9 +68,7 @@ def far_bends(
     loaded = second > 0
     second, (seen, right) = second[loaded], fourth[:, loaded]
     allowed = 0.5 * firmness * STRAINED**2  # = a² W₂ + a⁴ W₄
-    square = np.minimum(
-        (MOVED / length[loaded]) ** 2, 2 * allowed / (second + np.sqrt(second**2 + 4 * right * allowed))
-    )
+    square = np.minimum((MOVED / reach[loaded]) ** 2, 2 * allowed / (second + np.sqrt(second**2 + 4 * right * allowed)))
     return float(np.max(1 - _reached(square * seen / second) / _reached(square * right / second), initial=0))
 
 

@@ -95,7 +95,7 @@ def hanging_flap(frames: int | None, frame_type: str = "affine") -> tuple[mf.Sof
 def test_a_thin_flap_with_default_frames_sinks_as_the_elastica_does() -> None:
     body, reached = hanging_flap(None)
     assert reached == pytest.approx(1, abs=0.05)
-    assert len(body.types) <= 9
+    assert len(body.types) == 7  # six, and that of the held end
 
 
 def test_a_rigid_frame_does_not_become_shorter() -> None:
@@ -105,13 +105,18 @@ def test_a_rigid_frame_does_not_become_shorter() -> None:
     assert body.error.bends == pytest.approx(0, abs=0.01)
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 4])
-def test_the_error_in_far_bends_is_told(frames: int) -> None:
-    """0.63, 0.40, 0.17 and 0.36 of the way are missing; less than that is never told, and at most twice as much."""
+@pytest.mark.parametrize(
+    ("frames", "way", "told"),
+    [(1, 0.37, 0.71), (2, 0.60, 0.47), (3, 0.83, 0.31), (4, 0.64, 0.43), (6, 0.97, 0.15), (10, 0.98, 0.06)],
+)
+def test_the_error_in_far_bends_is_told(frames: int, way: float, told: float) -> None:
+    """The table of docs/accuracy.md: never less than is missing, and up to four frames at most twice as much."""
     body, reached = hanging_flap(frames)
     assert body.error is not None
     assert body.error.bends is not None
-    assert 1 - reached < body.error.bends < 2 * (1 - reached)
+    assert (reached, body.error.bends) == pytest.approx((way, told), abs=0.01)
+    assert 1 - reached < body.error.bends
+    assert body.error.bends < 2 * (1 - reached) or frames > 4
 
 
 @pytest.mark.parametrize("frames", [4, 8])
