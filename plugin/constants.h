@@ -125,6 +125,8 @@ inline constexpr int kClimbs = 3;        // steps up to the surface along the di
 inline constexpr double kFlatDistance =
     0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
 inline constexpr double kOnSurface = 1e-6;  // [cubes]
+// From a feature to the other side of something thin: a step in cubes, and how many at most.
+inline constexpr double kThroughStep = 0.25, kThroughSteps = 200;
 inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turned inside out or flat
 // [-] by which a distance's gradient differs from 1 in length: with kTrust its direction is the normal, with kNoTrust
 // it is that of an edge. Around something round of three voxels' radius it differs by 0.02, next to an edge by up to
@@ -142,7 +144,7 @@ inline constexpr double kAlong = 0.15;       // [-] cosine of its normal to a co
 inline constexpr double kOpposed = 0.5;
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
-// To where a round geom is deepest (round_touch.h)
+// Over the surface to where a distance is least (surface_point.h, round_touch.h)
 inline constexpr int kRoundSteps = 16;      // five or six are usual
 inline constexpr double kRoundStride = 2;   // [cubes] the longest
 inline constexpr double kRoundSure = 1e-6;  // [-] of that: a shorter one is not made

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "surface_point.h"
 #include "vertices.h"
 
 namespace mjframes {
@@ -20,23 +21,54 @@ size_t MostFeatures(const CollisionMeshes& meshes) {
   return most + most / kSharedVertices;
 }
 
+// Goes from a material point to where the body ends on the way inwards; false if it does not. at: becomes that point.
+bool GoesOut(const DistanceField& field, const Vec3& inwards, Vec3* at) {
+  const double length = Norm(inwards);
+  const int steps = static_cast<int>(std::min(length / kThroughStep, kThroughSteps));
+  for (int i = 0; i < steps; i++) {
+    *at = *at + (kThroughStep / length) * inwards;
+    int nodes[8];
+    Vec3 fraction;
+    if (!field.CubeAt(*at, nodes, &fraction)) return false;
+    if (field.Distance(nodes, fraction) > 0) return true;
+  }
+  return false;
+}
+
+// The side of something thin where the middle of the feature's geom is; false if the body does not end on the way.
+bool OtherSide(const DeformedPatch& body, const MetPoint& feature, const Inside& inside, DeformedPatch::Cube* cube,
+               Vec3* surface, Vec3* normal) {
+  Vec3 at = feature.xi, place, out;
+  DeformedPatch::Cube around;
+  double doubt;
+  if (!GoesOut(body.contact().field, inside.inwards, &at)) return false;
+  if (!body.Surface(&at, &around, &place, &out, &doubt) || !(Dot(inside.facing, out) < 0)) return false;
+  *surface = place;
+  *normal = out;
+  *cube = around;
+  return true;
+}
+
 // Distance of a point from the surface, and the normal by which it leaves the body; false midway between two sides.
-// facing: which way its own surface faces; inwards: the way into its own body, in this one's lattice. From there its
-// way out is looked for, if that is where its own surface faces: at its own place, where two surfaces lie on each other
-// up to an edge, the nearest one may be round the edge. Where this body has an edge, the normal is that of the point's
-// own side.
-bool WayOut(const DeformedPatch& body, const MetPoint& point, const Vec3& facing, const Vec3& inwards,
-            DeformedPatch::Cube* cube, double* distance, Vec3* normal) {
-  Vec3 surface, at = point.xi + inwards;
+// A feature whose nearest way out leads away from its geom is beyond the middle of something thin, or of the geom. A
+// vertex's way out is looked for from inside its own body, if that is where its own surface faces: at its own place,
+// where two surfaces lie on each other up to an edge, the nearest one may be round the edge. Where this body has an
+// edge, the normal is that of the vertex's own side.
+bool WayOut(const DeformedPatch& body, const MetPoint& point, const Inside& inside, DeformedPatch::Cube* cube,
+            double* distance, Vec3* normal) {
+  Vec3 surface, at = inside.is_geom ? point.xi : point.xi + inside.inwards;
   double doubt;
   const bool found = body.Surface(&at, cube, &surface, normal, &doubt);
-  const double opposed = found ? -Dot(facing, *normal) : 0;
-  if (opposed < kOpposed) {
+  const double opposed = found ? -Dot(inside.facing, *normal) : 0;
+  if (inside.is_geom) {
+    const bool leads_away = !found || opposed < 0;
+    if (leads_away && !OtherSide(body, point, inside, cube, &surface, normal) && !found) return false;
+  } else if (opposed < kOpposed) {
     at = point.xi;
     if (!body.Surface(&at, cube, &surface, normal, &doubt)) return false;
   } else {
     const double share = opposed * std::clamp((doubt - kTrust) / (kNoTrust - kTrust), 0.0, 1.0);
-    const Vec3 mean = (1 - share) * *normal - share * facing;
+    const Vec3 mean = (1 - share) * *normal - share * inside.facing;
     *normal = (1 / Norm(mean)) * mean;
   }
   *distance = Dot(*normal, point.place - surface);
@@ -113,7 +145,7 @@ void Meetings::Search(int patch, Meetings* other, double height, Meeting* out) {
     // each of the vertices that are left has a place
     sink.most = static_cast<int>(out->found.size()) - --left;
     const MetPoint sought = {s, 0, 0, Vertex(vertices, n, s), {}, 0, {}};
-    other->Seek(sought, height, this, patch, &trail, &sink);
+    other->Seek(sought, height, {this, patch, {}, 0}, &trail, &sink);
   }
   out->count = sink.count;
 }
@@ -153,6 +185,7 @@ void Meetings::SearchFeatures(const mjModel* m, const Features& features, const 
   }
   const Vec3 origin = ToVec3(d->geom_xpos + 3 * geom);
   const Mat3 axes = ToMat3(d->geom_xmat + 9 * geom);
+  const double ball = Features::Radius(m, geom);
   for (int c = 0; c < features.clusters.count; c++) {
     const FeatureCluster& cluster = features.clusters.cluster[c];
     Trail trail;
@@ -161,13 +194,24 @@ void Meetings::SearchFeatures(const mjModel* m, const Features& features, const 
       if (!material_boxes_.AnyWithin(p, room)) continue;
       Measured(m);
       trail.apart = 0;  // one deep inside may leave the lattice, too, and others are then not far
-      Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, nullptr, 0, &trail, sink);
+      Seek({static_cast<int>(i), c, 0, p, {}, 0, {}}, height, {nullptr, 0, origin, ball}, &trail, sink);
     }
   }
 }
 
+// slope: from the world to this body's lattice, where the point is.
+Inside Meetings::InsideOf(const Owner& owner, const MetPoint& point, const Mat3& slope) {
+  if (!owner.body) {
+    const Vec3 inwards = owner.middle - point.place;
+    const double length = Norm(inwards);
+    return {length > 0 ? (-1 / length) * inwards : Vec3{}, Mul(slope, inwards), true, false};
+  }
+  const Vec3 facing = owner.body->state_->Deformed(owner.patch).VertexNormal(point.number);
+  return {facing, -owner.body->contact_.reach * Mul(slope, facing), false, false};
+}
+
 // Adds the point if it is in this body or no higher above; measured.
-void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink) {
+void Meetings::Seek(const MetPoint& sought, double height, const Owner& owner, Trail* trail, Sink* sink) {
   const Vec3& p = sought.place;
   if (!extent_.box.Contains(p, extent_.cover + height) || Norm(p - trail->start) < trail->apart) return;
   const DeformedPatch all = state_->Deformed(kAllPatches);
@@ -178,28 +222,50 @@ void Meetings::Seek(const MetPoint& sought, double height, Meetings* owner, int 
   Vec3 at = trail->xi + step;
   if (trail->known && Norm(step) < kTrailStep) found = all.Find(p, false, height, &at, &cube, &there);
   // a short step out of the lattice, which goes on for more than half a cube outside of the surface, is certain
+  Vec3 vertex;
   double far = 0;
-  if (found == Result::kNowhere || (found == Result::kOutside && Norm(at - trail->xi) > kSureStep)) {
-    at = Guess(p, &there, &far);
+  const bool is_lost = found == Result::kOutside && (owner.ball > 0 || Norm(at - trail->xi) > kSureStep);
+  if (found == Result::kNowhere || is_lost) {
+    at = Guess(p, &there, &vertex, &far);
     found = all.Find(p, false, height, &at, &cube, &there);
   }
   if (found == Result::kFound || found == Result::kAbove) {
     *trail = {true, at, p, trail->start, there, trail->apart};
     MetPoint met = sought;
     met.xi = at;
-    const Vec3 facing =
-        found == Result::kFound && owner ? owner->state_->Deformed(patch).VertexNormal(sought.number) : Vec3{};
-    const Vec3 inwards = owner ? -owner->contact_.reach * Mul(there, facing) : Vec3{};
-    if (found == Result::kFound) Meet(met, facing, inwards, &cube, sink);
+    if (found == Result::kFound) Meet(met, InsideOf(owner, met, there), &cube, sink);
   }
   if (found == Result::kOutside && far > 0) {
+    if (owner.ball > 0 && far < height + extent_.cover) SeekBelow(sought, vertex, there, sink);
     trail->start = p;
     trail->apart = far - extent_.cover - height;
   }
 }
 
-// The material point at p, about, by the vertex nearest to it, and ∂ξ/∂x. far: how far away that vertex is.
-Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
+// Adds the middle of a ball that is so far above the surface that no node is around it, by the nearest place of that.
+// vertex: where to begin; slope: ∂ξ/∂x there.
+void Meetings::SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& slope, Sink* sink) {
+  const DeformedPatch all = state_->Deformed(kAllPatches);
+  const auto apart = [&ball](const Vec3& p, Vec3* up) {
+    const double distance = Norm(p - ball.place);
+    *up = (1 / std::max(distance, mjMINVAL)) * (p - ball.place);
+    return distance;
+  };
+  SurfacePoint below;
+  if (!FindOnSurface(all, apart, vertex, &below)) return;
+  Descend(all, apart, slope, below.distance, kRoundStride * contact_.field.spacing, &below);
+  const Vec3 up = ball.place - below.position;
+  if (!(Dot(up, below.normal) > 0)) return;
+  MetPoint met = ball;
+  met.xi = below.xi;
+  met.distance = below.distance;
+  met.normal = (1 / below.distance) * up;
+  Meet(met, {{}, {}, true, true}, &below.cube, sink);
+}
+
+// The material point at p, about, by the vertex nearest to it, and ∂ξ/∂x. nearest: that vertex; far: how far away it
+// is.
+Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, Vec3* nearest, double* far) {
   const double* squares = vertex_boxes_.SquaresTo(p);
   const int patches = static_cast<int>(contact_.patches.size());
   const int first = static_cast<int>(std::min_element(squares, squares + patches) - squares);
@@ -216,18 +282,25 @@ Vec3 Meetings::Guess(const Vec3& p, Mat3* slope, double* far) {
   *far = std::sqrt(square);
   *slope = state_->Pose(patch).slope;
   const int n = contact_.patches[patch].vertices;
-  return state_->Deformed(patch).VertexPoint(vertex) + Mul(*slope, p - Vertex(state_->Vertices(patch), n, vertex));
+  *nearest = state_->Deformed(patch).VertexPoint(vertex);
+  return *nearest + Mul(*slope, p - Vertex(state_->Vertices(patch), n, vertex));
 }
 
-// Adds a point for each patch under which its material point is, in that cube. facing, inwards: see WayOut.
-void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube,
-                    Sink* sink) {
+// Adds a point for each patch under which its material point is, in that cube.
+void Meetings::Meet(const MetPoint& found, const Inside& inside, DeformedPatch::Cube* cube, Sink* sink) {
   const Vec3 fraction = found.xi - cube->base;
-  Vec3 normal{};
-  double distance = 0;
+  Vec3 normal = found.normal;
+  double distance = found.distance;
   int nodes[8];
   std::copy(cube->nodes, cube->nodes + 8, nodes);
-  const bool there = WayOut(state_->Deformed(kAllPatches), found, facing, inwards, cube, &distance, &normal);
+  const bool there = inside.is_above || WayOut(state_->Deformed(kAllPatches), found, inside, cube, &distance, &normal);
+  // what is high above is not in the lattice as the rows of some patches see it
+  const auto find = [&](int patch, bool strict, Vec3* xi) {
+    const DeformedPatch seen = state_->Deformed(patch);
+    if (seen.Find(found.place, strict, xi)) return true;
+    *xi = found.xi;
+    return distance > 0 && seen.Find(found.place - distance * normal, strict, xi);
+  };
   const int before = sink->count;
   // Patches whose rows see less than all of the body may each take it for the other's: then it is the nearest one's.
   for (const bool strict : {true, false}) {
@@ -241,15 +314,15 @@ void Meetings::Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwar
       const PatchVolume& volume = contact_.patches[patch].volume;
       const bool elsewhere = !volume.IsWhole(nodes) || (there && !volume.IsWhole(cube->nodes));  // its rows see it
       if ((!elsewhere || !strict) && !contact_.field.IsNearest(nodes, fraction, patch)) continue;
-      if (elsewhere ? !state_->Deformed(patch).Find(met.place, strict, &met.xi) : !there) continue;
+      if (elsewhere ? !find(patch, strict, &met.xi) : !there) continue;
       met.distance = distance;
       met.normal = normal;
       if (!there) {
         DeformedPatch::Cube around;
-        if (!WayOut(state_->Deformed(patch), met, facing, inwards, &around, &met.distance, &met.normal)) continue;
+        if (!WayOut(state_->Deformed(patch), met, inside, &around, &met.distance, &met.normal)) continue;
       }
-      // one that would leave the way its own surface faces is beyond the middle, and would draw its body further in
-      sink->count += met.distance > 0 || !(Dot(facing, met.normal) > kOutward);
+      // a vertex that would leave the way it faces is beyond the middle, and would draw its body further in
+      sink->count += met.distance > 0 || inside.is_geom || !(Dot(inside.facing, met.normal) > kOutward);
     }
     if (sink->count > before) return;
   }

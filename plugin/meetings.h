@@ -34,6 +34,14 @@ struct MetPoint {
   Vec3 normal;      // out of the body
 };
 
+// What a point bounds: a rigid geom for a feature, another soft body for a vertex.
+struct Inside {
+  Vec3 facing;   // away from the geom's middle, or which way the vertex's own surface faces; 0 if nobody knows
+  Vec3 inwards;  // the way to that middle, or a short one into the other body, in the lattice of the one it met [cubes]
+  bool is_geom;
+  bool is_above;  // far above the surface: distance and normal of the point are known
+};
+
 // In the order of their clusters. A point that is midway between two patches may be there for each.
 struct MetPoints {
   const MetPoint* first;
@@ -99,6 +107,14 @@ class Meetings {
     double apart = 0;
   };
 
+  // Of a point: a patch of a soft body, or a rigid geom with its middle and the radius of the balls of its features.
+  struct Owner {
+    const Meetings* body;
+    int patch;
+    Vec3 middle;
+    double ball;
+  };
+
   // What was found, and how much fits in.
   struct Sink {
     MetPoint* out;
@@ -109,9 +125,11 @@ class Meetings {
   void Search(int patch, Meetings* other, double height, Meeting* out);
   void SearchFeatures(const mjModel* m, const Features& features, const mjData* d, int geom, double room, double height,
                       Sink* sink);
-  void Seek(const MetPoint& sought, double height, Meetings* owner, int patch, Trail* trail, Sink* sink);
-  Vec3 Guess(const Vec3& p, Mat3* slope, double* far);
-  void Meet(const MetPoint& found, const Vec3& facing, const Vec3& inwards, DeformedPatch::Cube* cube, Sink* sink);
+  void Seek(const MetPoint& sought, double height, const Owner& owner, Trail* trail, Sink* sink);
+  void SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& slope, Sink* sink);
+  static Inside InsideOf(const Owner& owner, const MetPoint& point, const Mat3& slope);
+  Vec3 Guess(const Vec3& p, Mat3* slope, Vec3* vertex, double* far);
+  void Meet(const MetPoint& found, const Inside& inside, DeformedPatch::Cube* cube, Sink* sink);
 
   const ContactModel& contact_;
   const CollisionMeshes& meshes_;

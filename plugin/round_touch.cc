@@ -6,6 +6,7 @@
 #include "constants.h"
 #include "deformed.h"
 #include "linear.h"
+#include "surface_point.h"
 #include "vertices.h"
 
 namespace mjframes {
@@ -18,45 +19,6 @@ int DeepestVertex(const mjModel* m, const mjData* d, int geom, const GeomQuery& 
   const int n = soft.deformed.patch().vertices;
   query.Distances(soft.state->Vertices(soft.number), n, 0, n, distance);
   return static_cast<int>(std::min_element(distance, distance + n) - distance);
-}
-
-// A place of the deformed surface.
-struct SurfacePoint {
-  Vec3 xi, position, normal;
-  DeformedPatch::Cube cube;
-  double distance;  // f [m]
-  Vec3 slope;       // its gradient along the surface [-]
-};
-
-// Next to the material point ξ; false midway between two sides.
-bool Find(const DeformedPatch& body, const GeomQuery& geom, const Vec3& xi, SurfacePoint* point) {
-  double doubt;
-  point->xi = xi;
-  if (!body.Surface(&point->xi, &point->cube, &point->position, &point->normal, &doubt)) return false;
-  Vec3 up;
-  point->distance = geom.Distance(point->position, &up);
-  point->slope = up - Dot(up, point->normal) * point->normal;
-  return true;
-}
-
-// Goes to where f is least. step: the first, over the slope [m]; longest: of all [m].
-void Descend(const DeformedPatch& body, const GeomQuery& geom, const Mat3& cubes, double step, double longest,
-             SurfacePoint* point) {
-  for (int i = 0; i < kRoundSteps; i++) {
-    const double steep = Norm(point->slope);
-    if (!(step * steep > kRoundSure * longest)) return;
-    step = std::min(step, longest / steep);
-    SurfacePoint next;
-    const Vec3 xi = point->xi - Mul(cubes, step * point->slope);
-    if (!Find(body, geom, xi, &next) || next.distance > point->distance) {
-      step *= 0.25;
-      continue;
-    }
-    const Vec3 moved = next.position - point->position;
-    const double bend = Dot(moved, next.slope - point->slope);
-    step = bend > 0 ? Dot(moved, moved) / bend : 2 * step;
-    *point = next;
-  }
 }
 
 // The point of the geom that is farthest along a direction.
@@ -117,9 +79,10 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   const mjtNum* size = m->geom_size + 3 * geom;
   const double radius = m->geom_type[geom] == mjGEOM_SPHERE ? size[0] : std::min({size[0], size[1], size[2]});
   SurfacePoint point;
-  if (!Find(body, query, soft.deformed.VertexPoint(DeepestVertex(m, d, geom, query, soft)), &point)) return false;
+  const auto f = [&query](const Vec3& p, Vec3* up) { return query.Distance(p, up); };
+  if (!FindOnSurface(body, f, soft.deformed.VertexPoint(DeepestVertex(m, d, geom, query, soft)), &point)) return false;
   if (point.distance > margin + volume.cover * soft.pose.stretch) return false;
-  Descend(body, query, soft.pose.slope, std::abs(radius + point.distance), kRoundStride * field.spacing, &point);
+  Descend(body, f, soft.pose.slope, std::abs(radius + point.distance), kRoundStride * field.spacing, &point);
   if (!field.IsNearest(point.cube.nodes, point.xi - point.cube.base, soft.number)) return false;
   // where its centre is inside, the geom's nearest point is not its deepest
   const Vec3 normal = point.normal, centre = ToVec3(d->geom_xpos + 3 * geom);

@@ -18,9 +18,12 @@ from mjframes.surface.contact_points import ContactPoints
 from mjframes.surface.isosurface import Surface
 from mjframes.volume.grid import Grid
 
-NODES = 8000  # at most: 0.1 MB of distances and indices, and half a megabyte of weights
+NODES = 8000  # at most: 0.1 MB of distances and indices, and half a megabyte of weights …
+THIN_NODES = 32000  # … but where they are so far apart that what is thin would fall between them
+THIN = 0.5  # [-] of the thickness 2V/A
 GROWTH = 1.15  # [-] of the spacing, until the nodes are few enough
 BAND = 2.5  # [cells] outside the surface that nodes reach, so that all cells within half a one of it are complete
+OPPOSITE = 1.5  # [cells] below a vertex: what is so much deeper than below the surface belongs to another side
 COVERED = 0.9  # [-] share of a node's weight that the control points of its patch must have, if any patch's do
 
 
@@ -56,31 +59,37 @@ def rest_distance_field(
     patch: np.ndarray,
     vertex_weights: sparse.csr_array,
 ) -> DistanceField:
-    """Return the field of a soft body, its lattice as fine as its voxels if they are not too many.
+    """Return the field of a soft body, its lattice as fine as its voxels if its nodes are not too many.
 
     shapes: of the body.  vertices: s contact vertices.  patch: (s,) of each.  vertex_weights: (s, k).
     """
     spacing = float(np.min(grid.spacing))
-    # the volume grown by the band, roughly, has to hold no more nodes than that
     mesh = surface.mesh
-    while mesh.volume + BAND * spacing * mesh.area > NODES * spacing**3:
+    far_apart = THIN * 2 * mesh.volume / mesh.area
+
+    def most(spacing: float) -> int:
+        return THIN_NODES if spacing > far_apart else NODES
+
+    # the volume grown by the band, roughly, has to hold no more nodes than that
+    while mesh.volume + BAND * spacing * mesh.area > most(spacing) * spacing**3:
         spacing *= GROWTH
     while True:
         first, shape, index, nodes = _candidates(grid, surface, spacing)
         distance = signed_distance(surface, nodes, spacing)
         active = distance < BAND * spacing
         nodes, index, distance = nodes[active], index[active], distance[active]
-        if len(index) <= NODES:
+        if len(index) <= most(spacing):
             break
         spacing *= GROWTH
     node_weights = shapes.at(grid, nodes)
+    nearest = _nearest_vertices(nodes, distance, vertices, OPPOSITE * spacing)
     return DistanceField(
         spacing=spacing,
         origin=grid.axes @ first,
         shape=shape,
         node=index,
         distance=distance,
-        patch=_nearest_patch(nodes, node_weights, vertices.positions, patch, vertex_weights, shapes.control.frame),
+        patch=_nearest_patch(patch[nearest], node_weights, patch, vertex_weights, shapes.control.frame),
         weights=node_weights,
         vertices=(vertices.positions @ grid.axes - first) / spacing,
     )
@@ -155,26 +164,33 @@ def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray)
     return weights
 
 
+def _nearest_vertices(nodes: np.ndarray, distance: np.ndarray, vertices: ContactPoints, below: float) -> np.ndarray:
+    """(n, 8) the vertices nearest to each node, those last that are of another side than what is near the node."""
+    centers = vertices.positions
+    near = KDTree(centers).query(nodes, k=min(8, len(centers)))[1].reshape(len(nodes), -1)
+    height = np.einsum("nvi,nvi->nv", nodes[:, None] - centers[near], vertices.normals[near])
+    is_opposite = height < -np.abs(distance)[:, None] - below
+    return np.take_along_axis(near, np.argsort(is_opposite, axis=1, kind="stable"), axis=1)
+
+
 def _nearest_patch(
-    nodes: np.ndarray,
+    near: np.ndarray,
     weights: sparse.csr_array,
-    centers: np.ndarray,
     patch: np.ndarray,
     vertex_weights: sparse.csr_array,
     frame: np.ndarray,
 ) -> np.ndarray:
-    """(n,) the patch of the nearest contact vertex; of the nearest eight the first whose points move the node.
+    """(n,) of the patches near each node (n, m) the first whose points move the node.
 
-    centers (s, 3), patch (s,) and vertex_weights (s, k) of the vertices; frame (k,) of the control points.
+    patch (s,) and vertex_weights (s, k) of the vertices; frame (k,) of the control points.
     """
     moved_by = np.zeros((patch.max() + 1, frame.max() + 1))
     entries = vertex_weights.tocoo()
     moved_by[patch[entries.row], frame[entries.col]] = 1
-    share = np.zeros((len(nodes), frame.max() + 1))
+    share = np.zeros((len(near), frame.max() + 1))
     entries = weights.tocoo()
     np.add.at(share, (entries.row, frame[entries.col]), entries.data)
-    near = KDTree(centers).query(nodes, k=min(8, len(centers)))[1].reshape(len(nodes), -1)
-    covered = (share @ moved_by.T)[np.arange(len(nodes))[:, None], patch[near]]
+    covered = (share @ moved_by.T)[np.arange(len(near))[:, None], near]
     good = covered > COVERED
     choice = np.where(good.any(axis=1), good.argmax(axis=1), covered.argmax(axis=1))
-    return patch[near][np.arange(len(nodes)), choice]
+    return near[np.arange(len(near)), choice]

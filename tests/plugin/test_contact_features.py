@@ -21,6 +21,7 @@ from mjframes.volume.volume import Volume
 SHARP = {
     "sphere": 'size=".003"',
     "capsule": 'type="capsule" size=".002 .01" euler="0 30 0"',
+    "thick capsule": 'type="capsule" size=".03 .03" euler="0 30 0"',  # its balls are above the distance field's nodes
     "ellipsoid": 'type="ellipsoid" size=".002 .003 .01"',
     "cylinder": 'type="cylinder" size=".003 .01" euler="20 10 0"',
     "box corner": 'type="box" size=".004 .004 .004" euler="45 35.26 0"',
