@@ -11,7 +11,8 @@
 //
 //   E ε / σ = 3 λ² / (1 + λ + λ²),   λ = 1 − ε = 1 − (δ + δ')/t
 //
-// where δ' is how deep something presses on the other side: fingers that pinch a sheet do not meet in it.
+// where δ' is how deep something presses on the other side: fingers that pinch a sheet do not meet in it. Where contacts
+// press the share φ of its section, the frames show more of it: of β² is left 1 − φ².
 //
 // The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own
 // spring of a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are
@@ -23,6 +24,8 @@
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
 // Contacts that share no soft body, directly or through others, do not meet in C: each such group is solved alone.
+// R is MuJoCo's, by the mass, but no more than c/T², of a half-space of the flesh, which gives way by c: what is light
+// would meet a spring that is softer than its flesh.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
 
 #ifndef MJFRAMES_PLUGIN_DENTS_H_
@@ -41,6 +44,7 @@ struct Dent {
   double width = 0;      // ℓ [m]
   double softness = 0;   // β [1/√Pa]; 0 where nothing gives way
   double thickness = 0;  // of the body [m]; what is squeezed by as much gives way no more
+  double section = 0;    // of the body across that [m²]; what is pressed on all of it makes no dent; 0 if not known
 };
 
 // Of a contact.
@@ -49,9 +53,11 @@ struct ContactDents {
   double variance;  // of that along the surface [m²]
   Dent side[2];     // of each geom
   int before[2];    // of each geom: which side of a contact, 2c + s, its soft body had before this one; −1 for none
+  double flesh;     // how far a half-space of the flesh gives way below the contact [m/N]; 0 where it is not pressed
 };
 
-// Makes the flesh of all contacts firmer where these press it deep, and fills in `before`. last: memory (nplugin).
+// Makes the flesh of all contacts firmer where these press it deep or on most of its section, and fills in `before` and
+// `flesh`. last: memory (nplugin).
 void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last);
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.

@@ -50,6 +50,12 @@ Vec3 DistanceField::Coordinates(const Vec3& p) const {
   return xi;
 }
 
+double DistanceField::Volume() const {
+  double cubes = 0;
+  for (const double height : distance) cubes += std::clamp(0.5 - height / spacing, 0.0, 1.0);
+  return cubes * spacing * spacing * spacing;
+}
+
 Vec3 DistanceField::Place(int number) const {
   const int32_t at = node[number], plane = shape[1] * shape[2];
   const double xi[3] = {static_cast<double>(at / plane), static_cast<double>(at / shape[2] % shape[1]),

@@ -52,6 +52,9 @@ struct DistanceField {
     return {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
   }
 
+  // Of the body, about [m³].
+  double Volume() const;
+
   // Where a node is at rest [m].
   Vec3 Place(int node) const;
 

@@ -289,6 +289,13 @@ std::vector<Patch> ReadPatches(const mjModel* m, int instance, const std::vector
   return patches;
 }
 
+// How wide the body is across the normal of each vertex: in the mean over its thickness there.
+void SetSections(double volume, std::vector<Patch>* patches) {
+  for (Patch& patch : *patches) {
+    for (Dent& dent : patch.dent) dent.section = dent.thickness > 0 ? volume / dent.thickness : 0;
+  }
+}
+
 DistanceField ReadDistanceField(int points, const std::vector<Patch>& patches, Reader* reader) {
   DistanceField field;
   field.spacing = reader->Number("lattice_spacing");
@@ -393,7 +400,10 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
   if (reader->ok() && patches > 0) {
     contact.reach = reader->Number("contact_reach");
     contact.has_volume = reader->Has("lattice_spacing") || reader->Has("lattice_node");
-    if (contact.has_volume) contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
+    if (contact.has_volume) {
+      contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
+      SetSections(contact.field.Volume(), &contact.patches);
+    }
     for (int i = 0; reader->ok() && i < patches; i++) {
       PatchVolume& volume = contact.patches[i].volume;
       if (contact.has_volume) volume = PatchVolume::Create(m, contact, model->kinematics, i);

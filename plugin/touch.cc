@@ -342,6 +342,7 @@ Dent FleshBelow(const Patch& patch, const double* vertices, const Touch& touch, 
     mean.width += share * dent.width;
     mean.softness += share * dent.softness / std::sqrt(stiffness[patch.factor[s]]);
     mean.thickness += share * dent.thickness;
+    mean.section += share * dent.section;
     total += share;
   };
   for (int s = 0; s < n; s++) {
@@ -350,7 +351,7 @@ Dent FleshBelow(const Patch& patch, const double* vertices, const Touch& touch, 
   }
   double far = mjMAXVAL;
   if (total == 0) add(std::max(0, NearestVertex(vertices, n, touch.centre, &far)), 1);
-  return {mean.width / total, mean.softness / total, mean.thickness / total};
+  return {mean.width / total, mean.softness / total, mean.thickness / total, mean.section / total};
 }
 
 }  // namespace
@@ -414,7 +415,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.centre, touch.variance, {}, {}};
+  ContactDents dents = {touch.centre, touch.variance, {}, {}, 0};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;
