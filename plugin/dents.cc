@@ -19,8 +19,8 @@ struct Pressed {
   int group;               // the first of those that it meets in C
   int body[2];             // instance of the soft body on each side that makes a dent, −1 where there is none
   double k;                // of MuJoCo's own spring, as it takes it from solref [1/s²]
-  double spring;           // k imp / R of it [N/m]; of a smaller R …
-  bool is_raised;          // … where flesh asks for that
+  double spring;           // k imp / R of it, or what the flesh asks for [N/m] …
+  bool is_raised;          // … if that is more
   double gap;              // δ [m]
   double rate;             // of what the normal row measures, where rows of friction share its damping [m/s]
 };
@@ -132,8 +132,9 @@ bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int num
   if (row < 0 || !(dents.flesh > 0)) return false;
   const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), pull = k * d->efc_KBIP[4 * row + 2] * rows;
-  const double firm = rows * dents.flesh / (kFirmTime * kFirmTime), spring = pull / std::min(firm, d->efc_R[row]);
-  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, firm < d->efc_R[row], d->efc_margin[row] - d->efc_pos[row], 0};
+  const double own = pull / d->efc_R[row], usual = std::min(1.0, kFirmPeriod * kFirmPeriod * k);
+  const double spring = std::max(own, kFirmer * usual / dents.flesh);
+  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, spring > own, d->efc_margin[row] - d->efc_pos[row], 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);

@@ -11,8 +11,8 @@
 //
 //   E ε / σ = 3 λ² / (1 + λ + λ²),   λ = 1 − ε = 1 − (δ + δ')/t
 //
-// where δ' is how deep something presses on the other side: fingers that pinch a sheet do not meet in it. Where contacts
-// press the share φ of its section, the frames show more of it: of β² is left 1 − φ².
+// where δ' is how deep something presses on the other side: fingers that pinch a sheet do not meet in it. Where
+// contacts press the share φ of its section, the frames show more of it: of β² is left 1 − φ².
 //
 // The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own
 // spring of a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are
@@ -24,8 +24,8 @@
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
 // Contacts that share no soft body, directly or through others, do not meet in C: each such group is solved alone.
-// R is MuJoCo's, by the mass, but no more than c/T², of a half-space of the flesh, which gives way by c: what is light
-// would meet a spring that is softer than its flesh.
+// MuJoCo's R goes with the mass: what is light would meet a spring that is softer than its flesh. So R / (k imp) is no
+// more than a twentieth of how far a half-space of the flesh gives way, times 1/(k T²) where solref is longer than T.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
 
 #ifndef MJFRAMES_PLUGIN_DENTS_H_
