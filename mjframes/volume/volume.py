@@ -335,7 +335,8 @@ class Volume:
         Raises
         ------
         MjframesError
-            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+            If a length is not positive, if both `spacing` and `voxels` are given, if no voxel fits, or if the
+            volume of all voxels is off by more than a quarter.
         """
         return cls._of_solid(ball(radius, spacing, voxels), material)
 
@@ -370,7 +371,8 @@ class Volume:
         Raises
         ------
         MjframesError
-            If a length is not positive, if both `spacing` and `voxels` are given, or if no voxel fits.
+            If a length is not positive, if both `spacing` and `voxels` are given, if no voxel fits, or if the
+            volume of all voxels is off by more than a quarter.
         """
         return cls._of_solid(cylinder(radius, length, spacing, voxels), material)
 

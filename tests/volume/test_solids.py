@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,28 @@ def test_a_cylinder_is_round_about_z_and_as_long_as_asked_for() -> None:
     np.testing.assert_array_equal(volume.labels.transpose(1, 0, 2), volume.labels)
 
 
+@pytest.mark.parametrize("finer", [3, 10 / 3, 4, 4.7, 5, 6, 8, 10])
+def test_usual_spacings_of_balls_and_cylinders_are_taken(finer: float) -> None:
+    radius = 0.03
+    ball = mf.Volume.sphere(radius, RUBBER, radius / finer)
+    assert content(ball) == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.21)
+    rod = mf.Volume.cylinder(radius, 0.05, RUBBER, radius / finer)
+    assert content(rod) == pytest.approx(np.pi * radius**2 * 0.05, rel=0.21)
+
+
+@pytest.mark.parametrize("length", [0.002, 0.05, 0.5])
+def test_the_number_of_voxels_that_an_error_names_does(length: float) -> None:
+    named = set()
+    for voxels in range(1, 40):
+        try:
+            mf.Volume.cylinder(0.03, length, RUBBER, voxels=voxels)
+        except mf.MjframesError as error:
+            named |= set(map(int, re.findall(r"times the body's volume; take (\d+) or more", str(error))))
+    (enough,) = named
+    for voxels in range(enough, enough + 20):
+        mf.Volume.cylinder(0.03, length, RUBBER, voxels=voxels)
+
+
 def test_a_sphere_is_sampled_as_a_mesh_is() -> None:
     """Where the grid of the mesh begins at the same place: a whole number of voxels across."""
     own = mf.Volume.sphere(0.03, RUBBER, 0.002)
@@ -83,6 +106,19 @@ def test_a_sphere_is_sampled_as_a_mesh_is() -> None:
         (lambda: mf.Volume.sphere(0.01, RUBBER, 0.019), r"^spacing is 0\.019, which leaves no voxel .*; take less"),
         (lambda: mf.Volume.box((1, 1, 0.01), RUBBER, 0.1), r"^spacing is 0\.1, which leaves no voxel in a body of 1 ×"),
         (lambda: mf.Volume.sphere(1, RUBBER, voxels=2), "^voxels is 2, which leaves no voxel .*; take more"),
+        (
+            lambda: mf.Volume.sphere(0.01, RUBBER, 0.05),
+            r"^spacing is 0\.05, which makes voxels of 30 times the body's volume; take 0\.003 m or less\.$",
+        ),
+        (lambda: mf.Volume.sphere(0.01, RUBBER, 0.02), r"^spacing is 0\.02, which makes voxels of 1\.9 times"),
+        (
+            lambda: mf.Volume.cylinder(0.01, 0.1, RUBBER, (0.02, 0.02, 0.1)),
+            r"^spacing is .* 1\.3 times .*; take 0\.003 m",
+        ),
+        (
+            lambda: mf.Volume.sphere(1, RUBBER, voxels=3),
+            "^voxels is 3, .* 2.7 times the body's volume; take 156 or more",
+        ),
         (lambda: mf.Volume.box(1, RUBBER, 1e-4), "^spacing is .* cells of a body"),
         (lambda: mf.Volume.box(1, 3.0), r"^material is 3\.0; it must be a Material"),  # type: ignore[arg-type]
     ],
