@@ -24,7 +24,7 @@ HOPE = 2.0  # [-]
 KEPT = 0.15  # [-] error that is kept where neither frames nor error is given …
 MOST = 20  # … by up to so many frames: a step takes a millisecond or two with them
 RATIO = 1.5  # [-] errors to those of coordinates alone before any is known: 0.6 to 4 in bodies, mostly 1.2 to 2
-NOTHING = 1e-12  # [-] error of coordinates that move with the body exactly
+NOTHING = 1e-12  # [-] error of bodies and coordinates that move exactly
 
 
 def fewest_frames(
@@ -121,7 +121,7 @@ def _promising(counts: Sequence[int], guess: Callable[[int], float], errors: Map
     guess: the error of a number's coordinates [-].
     """
     known = sorted(errors)
-    ratios = [max(errors[count].weight or 0.0, errors[count].pushes) / guess(count) for count in known]
+    ratios = [max(errors[count].weight or 0.0, errors[count].pushes, NOTHING) / guess(count) for count in known]
 
     def forecast(count: int) -> float:
         small = guess(count) * (np.interp(np.log(count), np.log(known), ratios) if known else RATIO)

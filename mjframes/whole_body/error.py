@@ -50,6 +50,8 @@ class BodyError:
 
     def __str__(self) -> str:
         """Return it as a part of a sentence, with what helps where it is large."""
+        if self.largest == 0:
+            return "none, as no push deforms it"
         told = "".join(f"{error:.1%} {where}, " for where, error in self.parts.items())
         return f"{told}against finite elements{ADVICE if self.largest > LARGE else ''}"
 
@@ -136,8 +138,10 @@ def measured(grid: Grid, cases: LoadCases, exact: NDArray[np.floating], found: A
     """
     difference, size = np.subtract(found, exact, order="C"), exact.astype(np.float64, order="C")
     _leave_deformations(grid, cases, difference, size)
+    if (grid.piece >= 0).all():  # rigid throughout: finite elements show what stands in for rigidity
+        difference[:], size[:] = 0, 0
     norm = np.linalg.norm(size, axis=(0, 1))
-    norm = np.where(norm > 0, norm, np.inf)  # a single voxel does not move
+    norm = np.where(norm > 0, norm, np.inf)  # a single voxel or a rigid body does not move
     apart = [np.linalg.norm(difference[far, :, c]) / norm[c] for c, far in enumerate(cases.far)]
     weight = None
     if cases.weights:

@@ -97,6 +97,17 @@ def test_a_body_of_one_voxel_has_one_frame() -> None:
     assert default_counts(10**6)[-1] == MOST
 
 
+def test_a_rigid_body_has_one_frame_and_no_error(recwarn: pytest.WarningsRecorder) -> None:
+    volume = mf.Volume.box(0.04, mf.Material.rigid(density=1000), 0.01)
+    body = mf.build(volume)
+    (notice,) = [str(some.message) for some in recwarn]
+    assert notice.endswith("1 are taken, the fewest found with an error of at most 15%: none, as no push deforms it.")
+    assert repr(body).endswith("; error: none, as no push deforms it>")
+    assert error_of(body) == error_of(mf.build(volume, error=0.05)) == 0
+    assert body.fields.error is not None
+    assert not body.fields.error.any()
+
+
 def test_a_large_error_carries_advice() -> None:
     assert "more frames" in str(BodyError(0.01, 0.31))
     assert "more frames" in str(BodyError(0.31, 0.01))
