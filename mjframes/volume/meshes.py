@@ -45,6 +45,7 @@ TETRA, BRICK = (
     ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 )
 WEDGE = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+PIECE = "mjframes piece"  # in the metadata of a trimesh object: what messages call it
 # the outward faces of solid elements by meshio's names, corners only: those of second order have them first
 SIDES = {"tetra": TETRA, "tetra10": TETRA, "hexahedron": BRICK, "hexahedron20": BRICK, "hexahedron27": BRICK}
 SIDES |= {"wedge": WEDGE}
@@ -126,8 +127,15 @@ def load_surface(source: MeshLike, name: str, scale: float | None) -> MeshSurfac
     return replace(surface, notices=(*notices, text))
 
 
+def mesh_name(source: MeshLike, number: int) -> str:
+    """Return what messages call a mesh that is no file: the piece of a file that it is, or else its number."""
+    return getattr(source, "metadata", {}).get(PIECE) or f"mesh {number}"
+
+
 def mesh_contents(source: MeshLike, name: str, scale: float | None) -> tuple[object, ...]:
-    """Return all of `source` that `load_surface` depends on, for `mjframes.base.cache`: path and contents, or arrays.
+    """Return all of `source` that `load_surface` depends on, for `mjframes.base.cache`.
+
+    That is path and contents, or name and arrays.
 
     name, scale: as of `load_surface`.
 
@@ -135,7 +143,7 @@ def mesh_contents(source: MeshLike, name: str, scale: float | None) -> tuple[obj
     """
     if isinstance(source, (str, os.PathLike)):
         return os.fspath(source), Path(source)  # messages have the path
-    return _arrays(name, source, scale)
+    return name, *_arrays(name, source, scale)
 
 
 def lids(surface: MeshSurface) -> MeshSurface:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
-from mjframes.volume.meshes import load_surface, open_scene, shells_around, shells_of
+from mjframes.volume.meshes import PIECE, load_surface, open_scene, shells_around, shells_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -42,7 +42,7 @@ def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
 
     objects = _objects(Path(path))
     if len(objects) > 1:
-        return objects
+        return _named(path, objects)
     surface = load_surface(path, os.fspath(path), 1.0)
     whole = next(iter(objects.values()), None)
     metadata = {} if whole is None else {"units": whole.units}
@@ -52,7 +52,7 @@ def load_pieces(path: str | os.PathLike[str]) -> dict[str, trimesh.Trimesh]:
         used, corner = np.unique(surface.faces[owner == number], return_inverse=True)
         pieces.append(trimesh.Trimesh(surface.vertices[used], corner.reshape(-1, 3), process=False, metadata=metadata))
     pieces.sort(key=lambda piece: -float(np.prod(piece.extents)))
-    return {str(number): piece for number, piece in enumerate(pieces, 1)}
+    return _named(path, {str(number): piece for number, piece in enumerate(pieces, 1)})
 
 
 def chosen_piece(path: str | os.PathLike[str], name: str) -> trimesh.Trimesh:
@@ -61,6 +61,13 @@ def chosen_piece(path: str | os.PathLike[str], name: str) -> trimesh.Trimesh:
     if name not in pieces:
         raise MjframesError(f"{os.fspath(path)}: it has no piece {name!r}; its pieces are {', '.join(pieces)}.")
     return pieces[name]
+
+
+def _named(path: str | os.PathLike[str], pieces: dict[str, trimesh.Trimesh]) -> dict[str, trimesh.Trimesh]:
+    """The pieces, each with what messages call it."""
+    for name, piece in pieces.items():
+        piece.metadata[PIECE] = f"{os.fspath(path)}, piece {name}"
+    return pieces
 
 
 def _objects(path: Path) -> dict[str, trimesh.Trimesh]:

@@ -257,7 +257,7 @@ class Volume:
             For each fault of a surface, with what was done about it, and for parts that are thinner than a voxel.
         """
         from mjframes.base.cache import cached
-        from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents
+        from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents, mesh_name
         from mjframes.volume.voxelize import spacing_for, voxelize
 
         step, count = spacing_or_voxels(spacing, voxels)
@@ -270,14 +270,15 @@ class Volume:
         for material in materials:
             if not isinstance(material, Material):
                 raise MjframesError(f"a mesh has the material {material!r}; it must be a Material.")
+        named = [(mesh, mesh_name(mesh, number)) for number, (mesh, _) in enumerate(pairs, 1)]
 
         def compute() -> dict[str, NDArray[Any]]:
-            surfaces = [load_surface(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
+            surfaces = [load_surface(mesh, name, scale) for mesh, name in named]
             edges = spacing_for(surfaces, count, fill is not None) if step is None else step
             labels, origin, notices = voxelize(surfaces, edges, fill is not None)
             return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
 
-        contents = [mesh_contents(mesh, f"mesh {i}", scale) for i, (mesh, _) in enumerate(pairs, 1)]
+        contents = [mesh_contents(mesh, name, scale) for mesh, name in named]
         settings = (step, count if step is None else None, fill is not None, scale if scale is None else float(scale))
         known = cached("volume", (*contents, *settings), compute)
         for notice in known["notices"].tolist():

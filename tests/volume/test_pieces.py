@@ -105,6 +105,21 @@ def test_a_body_is_built_of_each_piece(parts: Path, tmp_path: Path) -> None:
     assert main([*command, str(parts), "-o", str(tmp_path / "c.npz")]) == 2
 
 
+@pytest.mark.parametrize("kind", ["stl", "glb"])
+def test_warnings_name_the_file_and_the_piece(tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / f"large.{kind}"
+    content = scene().to_mesh() if kind == "stl" else scene()
+    content.apply_scale(50).export(path)
+    first, second = mf.load_pieces(path)
+    command = ["build", str(path), "--pieces", "--spacing", "25", "--frames", "1", "--material", "default=fat"]
+    assert main([*command, "-o", str(tmp_path / "a.npz")]) == 0
+    for line, name in zip(capsys.readouterr().err.splitlines(), (first, second), strict=True):
+        assert line.startswith(f"mjframes: {path}, piece {name}: the body is 100 m long; if its unit is another, ")
+    copied = path.rename(path.with_stem("other"))  # has the same contents, not the same name
+    with pytest.warns(mf.MeshWarning, match=rf"other\.{kind}, piece {second}: the body is"):
+        mf.Volume.from_meshes([(mf.load_pieces(copied)[second], FLESH)], 25)
+
+
 def test_each_piece_may_have_its_own_material(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "two.glb"
     path.write_bytes(scene().export(file_type="glb"))
