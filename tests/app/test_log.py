@@ -427,11 +427,13 @@ def test_the_rate_is_of_numbers_and_scene(rate: float, tmp_path: Path) -> None:
         ({"rate": float("nan")}, "rate of the log is nan"),
         ({"topics": ()}, "topics of the log are none; give one or more of state, energy"),
         ({"topics": ("state", "sound")}, "topics of the log are state, sound; give"),
+        ({"path": "a.txt"}, r"^a\.txt: a log is written as \.mcap; give the path this ending\.$"),
+        ({"path": Path("mcap")}, r"^mcap: a log is written as \.mcap"),
     ],
 )
 def test_a_log_that_cannot_be_is_refused(keys: dict, message: str) -> None:
     with pytest.raises(MjframesError, match=message):
-        Log("a.mcap", **keys)
+        Log(**{"path": "a.mcap", **keys})
 
 
 def test_a_log_that_is_cut_off_gives_what_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

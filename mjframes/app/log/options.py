@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 from mjframes.app.log import numbers
 from mjframes.base.errors import MjframesError
@@ -30,7 +31,7 @@ class Log:
     Raises
     ------
     MjframesError
-        For a rate that is not positive and for unknown topics.
+        For another ending of the file, a rate that is not positive and for unknown topics.
     """
 
     path: str | os.PathLike[str]
@@ -38,6 +39,8 @@ class Log:
     topics: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        if Path(self.path).suffix.lower() != ".mcap":
+            raise MjframesError(f"{os.fspath(self.path)}: a log is written as .mcap; give the path this ending.")
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
             raise MjframesError(f"rate of the log is {self.rate!r}; it must be a positive number of entries a second.")
         if self.topics is not None and not (self.topics and set(self.topics) <= set(TOPICS)):
