@@ -38,10 +38,10 @@ class Chosen:
 
 def chosen(text: str) -> Chosen:
     """Return what one --fixed asks for. Raise ArgumentTypeError for anything else."""
-    head, _, tail = text.partition(":")
+    head, colon, tail = text.partition(":")
     try:
         if head in UP:
-            return Chosen("side", head, (length(tail),) if tail else ())
+            return Chosen("side", head, (length(tail),) if colon else ())
         if head == "box":
             corners = tuple(float(part) for part in tail.split(","))
             if len(corners) == 6 and all(map(math.isfinite, corners)):

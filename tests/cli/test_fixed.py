@@ -64,6 +64,7 @@ def test_without_it_a_sentence_says_that_it_floats_free(robot: Path, capsys: pyt
     ("options", "words"),
     [
         (["--fixed", "q"], "argument --fixed: 'q' is not a side like -z or -z:4mm, box:"),
+        (["--fixed", "y:"], "argument --fixed: 'y:' is not a side like -z or -z:4mm, box:"),
         (["--fixed", "near:far"], "argument --fixed: 'near:far' is not a side"),
         (["--fixed", "label:3"], "--fixed: label is 3, which no voxel has; the labels are 1, 2."),
         (["--fixed", "box:0,0,0,1,1"], "argument --fixed: 'box:0,0,0,1,1' is not a side"),
