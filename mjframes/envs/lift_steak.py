@@ -54,6 +54,12 @@ def _observed(at: Layout, data: Any) -> Array:
     return np.clip(lifting.features(at, data), -BOUND, BOUND)
 
 
+def _require_finite(name: str, action: Array) -> None:
+    """Raise MjframesError for an action that has a number which is none."""
+    if not np.isfinite(action).all():
+        raise MjframesError(f"{name} is {np.asarray(action).tolist()}; it must be of finite numbers, from -1 to 1.")
+
+
 class LiftSteak(gymnasium.Env):
     """One world."""
 
@@ -84,7 +90,8 @@ class LiftSteak(gymnasium.Env):
         return _observed(self._at, self.data), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Go on by 40 ms."""
+        """Go on by 40 ms.  Raise MjframesError for an action that is not finite."""
+        _require_finite("action", action)
         self.data.ctrl[:] = action * self.model.actuator_ctrlrange[:, 1]
         mujoco.mj_step(self.model, self.data, nstep=lifting.STEPS)
         mujoco.mj_step1(self.model, self.data)  # sensors of the new state
@@ -157,9 +164,14 @@ class LiftSteakVector(VectorEnv):
         return _observed(self._at, self.batch), {}
 
     def step(self, actions: Array) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Go on by 40 ms, or start again where the step before ended an episode."""
+        """Go on by 40 ms, or start again where the step before ended an episode.
+
+        Raise MjframesError for an action that is not finite, before any world steps.
+        """
         ended = self._ended
         going = np.flatnonzero(~ended)
+        for world in going:
+            _require_finite(f"action of world {world}", actions[world])
         if ended.any():
             self._start(np.flatnonzero(ended))
         if len(going):

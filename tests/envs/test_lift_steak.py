@@ -110,6 +110,25 @@ def test_bad_arguments_are_named(arguments: dict[str, object], words: str) -> No
         LiftSteakVector(**arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_actions_that_are_not_finite_are_refused_and_change_nothing(bad: float) -> None:
+    alone, together = LiftSteak(), LiftSteakVector(2, threads=1)
+    alone.reset(seed=0)
+    together.reset(seed=0)
+    state = alone.data.qpos.copy()
+    actions = np.zeros(together.action_space.shape or ())
+    actions[1, 2] = bad
+    words = rf"is \[0\.0, 0\.0, {bad}, .*\]; it must be of finite numbers, from -1 to 1\.$"
+    with pytest.raises(MjframesError, match=f"^action {words}"):
+        alone.step(actions[1])
+    with pytest.raises(MjframesError, match=f"^action of world 1 {words}"):
+        together.step(actions)
+    np.testing.assert_array_equal(alone.data.qpos, state)
+    np.testing.assert_array_equal(together.batch.qpos[0], state)
+    together._ended[1] = True  # it starts again and ignores its action
+    assert np.isfinite(together.step(actions)[0]).all()
+
+
 def test_one_world_is_drawn_or_not() -> None:
     with pytest.raises(MjframesError, match="render_mode"):
         LiftSteak(render_mode="human")
