@@ -5,11 +5,18 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root_scalar
+
+from mjframes.base.choices import COROTATIONAL
 from mjframes.base.options import described, options_of
 from mjframes.body.options import BuildOptions
-from mjframes.elasticity.law_table import LAWS
+from mjframes.elasticity.law_table import ALL_LAWS, LAWS
+from mjframes.elasticity.laws import law_parameters, stress
 from mjframes.scene.sensors import QUANTITIES
 from mjframes.volume.images import IMAGE_TYPES
+from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 
 FOLDER = Path(__file__).parent
@@ -25,6 +32,18 @@ def laws() -> str:
     """Return the hyperelastic laws and their constants as a table."""
     rows = [f"| `{name}` | {', '.join(f'`{constant}`' for constant in law.names)} |" for name, law in LAWS.items()]
     return "\n".join(["| law | constants |", "| --- | --- |", *rows])
+
+
+def stretched() -> str:
+    """Return how hard bars of each law pull, to one of textbook neo-Hooke of the same E and ν, as a table."""
+    laws = {f"`{law}`": (law, {}) for law in ALL_LAWS}
+    laws["`mooney_rivlin`, `c01` = 0"] = "mooney_rivlin", {"c01": 0.0}
+    cases = [(stretch, poisson) for poisson in (0.3, 0.45) for stretch in (1.2, 1.5, 2.0)]
+    rows = [[f"λ = {stretch:g}, ν = {poisson:g}" for stretch, poisson in cases], ["---"] * len(cases)]
+    for law, constants in laws.values():
+        bars = [(Material(1.0, poisson, 1.0, law_constants=constants), stretch) for stretch, poisson in cases]
+        rows.append([f"{_pull(law, *bar) / _pull(None, *bar):.2f}" for bar in bars])
+    return "\n".join(f"| {name} | {' | '.join(row)} |" for name, row in zip(["law", "---", *laws], rows, strict=True))
 
 
 def sensors() -> str:
@@ -46,6 +65,7 @@ def volume_formats() -> str:
 TABLES = {
     ("options.md", "options"): options_of_build,
     ("options.md", "laws"): laws,
+    ("options.md", "stretched"): stretched,
     ("scenes.md", "sensors"): sensors,
     ("volumes.md", "formats"): volume_formats,
 }
@@ -56,6 +76,26 @@ def written(page: str, name: str, table: str) -> str:
     begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
     before, after = (FOLDER / page).read_text(encoding="utf-8").split(begin)
     return f"{before}{begin}{table}\n{end}{after.partition(end)[2]}"
+
+
+def _pull(law: str | None, material: Material, stretch: float) -> float:
+    """Force of a bar that is free at its sides, by its area at rest [Pa].  law: None for textbook neo-Hooke."""
+    if law == COROTATIONAL:
+        return material.young * (stretch - 1)
+
+    def piola(across: float) -> NDArray[np.float64]:
+        F = np.diag([stretch, across, across])
+        return _textbook(material, F) if law is None else stress(law_parameters(law, material), F[None])[0]
+
+    free = root_scalar(lambda across: piola(across)[1, 1], bracket=(0.3, 1.5))
+    return float(piola(free.root)[0, 0])
+
+
+def _textbook(material: Material, F: NDArray[np.float64]) -> NDArray[np.float64]:
+    """P (3, 3) [Pa] of ψ = μ/2 (I₁ J^(−2/3) − 3) + K/2 (J − 1)²."""
+    lam, mu = material.lame
+    i1, j, inverse = (F**2).sum(), np.linalg.det(F), np.linalg.inv(F).T
+    return mu * j ** (-2 / 3) * (F - i1 / 3 * inverse) + (lam + 2 / 3 * mu) * (j - 1) * j * inverse
 
 
 def _coded(text: str) -> str:
