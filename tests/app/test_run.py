@@ -156,16 +156,16 @@ def test_a_diverging_simulation_leaves_nothing(tmp_path: Path) -> None:
         ({"video": "a.gif"}, r"a\.gif: a video is written as"),
         ({"plot": "a.txt"}, r"a\.txt: a plot is written as"),
         ({"log": "file/a.mcap"}, r"a\.mcap: the log cannot be written there"),
-        ({"log": "folder"}, r"folder: the log cannot be written there \(it is a directory\)"),
+        ({"log": "folder.mcap"}, r"folder\.mcap: the log cannot be written there \(it is a directory\)"),
     ],
 )
 def test_refuses(keys: dict, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
-    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.mcap").mkdir()
     with pytest.raises(MjframesError, match=message):
         record(model_of(SCENE), **{"duration": 0.1, **keys})
-    assert {path.name for path in tmp_path.iterdir()} == {"file", "folder"}
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "folder.mcap"}
 
 
 def test_what_is_no_model_or_no_time_is_refused() -> None:
