@@ -119,6 +119,9 @@ void StoreSymmetric(const Mat3& a, mjtNum* out) {
   std::copy_n(values, 6, out);
 }
 
+// ∇W_j of points that are the columns of F, and of one at 0: F = Σ_j x_j ∇W_jᵀ.
+constexpr double kOfColumns[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, -1, -1, -1};
+
 // The only sensor of the instance, −1 if there is none or more than one.
 int SensorOf(const mjModel* m, int instance) {
   int found = -1;
@@ -201,7 +204,8 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
   const auto slack = reader->ArrayOr<double>("slack", 0, 9 * region.size());
   const auto lift = reader->ArrayOr<double>("lift", 0, 9 * gradient.size());
   constexpr char kMismatch[] = "its points are not those of the soft body: write the sensor again";
-  if (!reader->Check(soft.ok() && constants.size() == kLawConstants * region.size(), kMismatch)) return;
+  const bool turns = !reader->Has("lift") || !soft.Has("quadrature_count");
+  if (!reader->Check(turns && soft.ok() && constants.size() == kLawConstants * region.size(), kMismatch)) return;
   std::vector<size_t> first = {0};
   for (const int32_t count : size) first.push_back(first.back() + std::max(count, 0));
   if (!reader->Check(first.back() == point.size(), kMismatch)) return;
@@ -212,13 +216,13 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
     Sample sample = {e, {point.begin() + first[e], point.begin() + first[e + 1]}, {}, {}, {}, 0, 0, factor[n]};
     const size_t end = g + 3 * sample.point.size();
     if (!reader->Check(end <= gradient.size() && 9 * end <= lift.size(), kMismatch)) return;
-    if (!law) sample.lift.assign(lift.begin() + 9 * g, lift.begin() + 9 * end);
+    if (!law || reader->Has("lift")) sample.lift.assign(lift.begin() + 9 * g, lift.begin() + 9 * end);
     const double* own = constants.data() + kLawConstants * n;
     if (law) {
       const double volume = 1;
       const LawParameters parameters = ParametersOf(*law, own);
-      quadrature_.emplace_back(*law, sample.point, gradient.data() + g, &volume, &parameters, 1, std::vector<int32_t>(),
-                               std::vector<int32_t>());
+      quadrature_.emplace_back(*law, std::vector<int32_t>{0, 1, 2, 3}, kOfColumns, &volume, &parameters, 1,
+                               std::vector<int32_t>(), std::vector<int32_t>());
     }
     sample.lam = own[0];
     sample.mu = own[1];
@@ -236,43 +240,65 @@ void Sensor::ReadSamples(const mjModel* m, Reader* reader) {
 PointState Sensor::StateOf(const SoftBody& body, const std::vector<Mat3>& rotation, size_t n) {
   const std::vector<Vec3>& x = body.kinematics().x();
   const Sample& sample = samples_[n];
+  const int m = static_cast<int>(sample.point.size());
   PointState state{};
-  if (!quadrature_.empty()) {
-    QuadratureStates(quadrature_[n], x.data(), scratch_.get(), &state);
+  Vec3 mean{};
+  for (const int32_t j : sample.point) mean = mean + (1.0 / m) * x[j];
+  state.F = sample.slack;
+  for (int j = 0; j < m; j++) {
+    const Vec3 arm = x[sample.point[j]] - mean;
+    for (int e = 0; e < 9; e++) state.F[e] += arm[e / 3] * sample.gradient[j][e % 3];
+  }
+  if (sample.lift.empty()) {
+    AddLawState(n, state.F, &state);
     return state;
   }
   const Region& region = body.elasticity().FindRegion(sample.region);
-  const int m = region.size();
   const Mat3 R = rotation[sample.region];
-  Vec3 mean{};
-  for (const int32_t j : sample.point) mean = mean + (1.0 / m) * x[j];
   Mat3 slope{}, lifted{};
   for (int j = 0; j < m; j++) {
-    const Vec3 arm = x[sample.point[j]] - mean;
-    const Vec3 y = MulT(R, arm) - region.rest[j];
+    const Vec3 y = MulT(R, x[sample.point[j]] - mean) - region.rest[j];
     const double* lift = sample.lift.data() + 3 * j;
     for (int e = 0; e < 9; e++, lift += 3 * m) {
       slope[e] += y[e / 3] * sample.gradient[j][e % 3];
-      state.F[e] += arm[e / 3] * sample.gradient[j][e % 3];
       lifted[e] += lift[0] * y[0] + lift[1] * y[1] + lift[2] * y[2];
     }
   }
   const Mat3 turned = Mul(R, lifted);
-  Mat3 strain, stress;
-  double square = 0;
   for (int e = 0; e < 9; e++) {
-    state.F[e] += sample.slack[e] + turned[e];
+    state.F[e] += turned[e];
     slope[e] += lifted[e];
   }
+  if (quadrature_.empty()) {
+    AddHookeState(sample, R, slope, &state);
+  } else {
+    for (int e = 0; e < 9; e++) slope[e] += kIdentity[e];
+    AddLawState(n, Mul(R, slope), &state);
+  }
+  return state;
+}
+
+// Stress and energy of the corotational law where a region turned by R has these slopes.
+void Sensor::AddHookeState(const Sample& sample, const Mat3& R, const Mat3& slope, PointState* state) {
+  Mat3 stress;
+  double square = 0;
   const double trace = slope[0] + slope[4] + slope[8];
   for (int e = 0; e < 9; e++) {
-    strain[e] = 0.5 * (slope[e] + slope[3 * (e % 3) + e / 3]);
-    square += strain[e] * strain[e];
-    stress[e] = 2 * sample.mu * strain[e] + (e % 4 == 0 ? sample.lam * trace : 0);
+    const double strain = 0.5 * (slope[e] + slope[3 * (e % 3) + e / 3]);
+    square += strain * strain;
+    stress[e] = 2 * sample.mu * strain + (e % 4 == 0 ? sample.lam * trace : 0);
   }
-  state.energy = 0.5 * sample.lam * trace * trace + sample.mu * square;
-  state.cauchy = Mul(Mul(R, stress), Transpose(R));
-  return state;
+  state->energy = 0.5 * sample.lam * trace * trace + sample.mu * square;
+  state->cauchy = Mul(Mul(R, stress), Transpose(R));
+}
+
+// Stress and energy of the law of sample n at F.
+void Sensor::AddLawState(size_t n, const Mat3& F, PointState* state) {
+  const Vec3 columns[4] = {{F[0], F[3], F[6]}, {F[1], F[4], F[7]}, {F[2], F[5], F[8]}, {}};
+  PointState found;
+  QuadratureStates(quadrature_[n], columns, scratch_.get(), &found);
+  state->energy = found.energy;
+  state->cauchy = found.cauchy;
 }
 
 void Sensor::Compute(const mjModel* m, mjData* d) {

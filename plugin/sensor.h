@@ -3,7 +3,8 @@
 //
 //   F = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R L y
 //   ε = sym(Σ_j y_j ∇W_jᵀ + L y), y_j = Rᵀ x_j − x̄_j        corotational, R of the point's region
-//   ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
+//   ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J at
+//   F = R (I + Σ_j y_j ∇W_jᵀ + L y), without L at the F above
 //
 // The sensor's object is the body that the soft body hangs on. F maps volume coordinates to the world, σ is in the
 // world's axes. Each sensor has an instance of its own. Computed in the velocity stage, from positions and velocities
@@ -35,8 +36,8 @@ inline constexpr char kForceSensorName[] = "mjframes.force_sensor";
 struct Sample {
   int32_t region;
   std::vector<int32_t> point;  // control points of the region              (m)
-  std::vector<Vec3> gradient;  // ∇W_j there [1/m]                           (m)
-  std::vector<double> lift;    // L, slopes of what the body moves beyond W_j [1/m], none for other laws  (9 × 3m)
+  std::vector<Vec3> gradient;  // ∇W_j there, or ḡ_j [1/m]                   (m)
+  std::vector<double> lift;    // L, slopes of what the body moves beyond W_j [1/m], or none         (9 × 3m)
   Mat3 slack;                  // I − Σ_j x̄_j ∇W_jᵀ, 0 where all frames can turn
   double lam, mu;              // of the corotational law [Pa]
   int32_t factor;              // which one its material follows
@@ -58,6 +59,8 @@ class Sensor {
   void Read(const mjModel* m, Reader* reader);
   void ReadSamples(const mjModel* m, Reader* reader);
   PointState StateOf(const SoftBody& body, const std::vector<Mat3>& rotation, size_t n);
+  static void AddHookeState(const Sample& sample, const Mat3& R, const Mat3& slope, PointState* state);
+  void AddLawState(size_t n, const Mat3& F, PointState* state);
   void StoreTaxels(const mjModel* m, mjData* d, const SoftBody& body, mjtNum* out);
   void StoreMarkers(SoftBody* body, const mjData* d, mjtNum* out) const;
 

@@ -226,6 +226,7 @@ def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> F
         weights=elastic.shapes.weights,
         correction=elastic.shapes.correction,
         lifting=condensed.lifting if condensed else None,
+        strains=condensed.strains if condensed else None,
         error=condensed.where if condensed else None,
         region=elastic.region,
         seeds=tuple(some.astype(np.int64) for some in frames.seeds),

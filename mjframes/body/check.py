@@ -138,6 +138,11 @@ def _check_fields(fields: Fields, frames: int, k: int, sizes: Sequence[int]) -> 
         _numbers("fields.lifting.mode", fields.lifting.mode, (n, 3, modes))
         _each("fields.lifting.share", fields.lifting.share, [(None, 3 * m) for m in sizes])
         _require("fields.lifting.share", all(len(some) <= modes for some in fields.lifting.share))
+    if fields.strains is not None:
+        modes = fields.strains.mode.shape[-1] if fields.strains.mode.ndim else 0
+        _numbers("fields.strains.mode", fields.strains.mode, (n, 6, modes))
+        _each("fields.strains.share", fields.strains.share, [(None, 3 * m) for m in sizes])
+        _require("fields.strains.share", all(len(some) <= modes for some in fields.strains.share))
     if fields.error is not None:
         _numbers("fields.error", fields.error, (n,))
     _indices("fields.region", fields.region, (n,), len(sizes))

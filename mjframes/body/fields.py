@@ -15,6 +15,7 @@ from scipy import sparse
 from mjframes.volume.grid import Grid
 from mjframes.volume.volume import Volume
 from mjframes.whole_body.modes import Lifting
+from mjframes.whole_body.strains import Strains
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,7 @@ class Fields:
     weights: (n, f), rows sum to 1; saving rounds them to float32.
     correction: (n, k) ΔW of the control weights, None for none; saving rounds it to float32.
     lifting: what the body moves beyond them, None where that is not known; saving rounds it to float16.
+    strains: how it strains, None where that is not known; saving rounds it to float16.
     error: (n,) rms over some load cases of the error of displacements, to their own; None where it is not known.
     region: (n,) int32.
     seeds: f arrays, the voxels of each frame's core, where its weight is 1.
@@ -35,6 +37,7 @@ class Fields:
     weights: sparse.csr_array = field(metadata={"kept": np.float32})
     correction: sparse.csr_array | None = field(metadata={"kept": np.float32})
     lifting: Lifting | None
+    strains: Strains | None
     error: NDArray[np.float64] | None = field(metadata={"kept": np.float16})
     region: NDArray[np.int32]
     seeds: tuple[NDArray[np.int64], ...]

@@ -2,10 +2,11 @@
 
     x(p̄) = Σ_j W_j x_j + (p̄ − Σ_j W_j x̄_j) + R Φ T y     0 in brackets where frames can turn
     F(p̄) = Σ_j x_j ∇W_jᵀ + (I − Σ_j x̄_j ∇W_jᵀ) + R ∇Φ T y
-    ε = sym(Σ_j y_j ∇W_jᵀ + ∇Φ T y), y_j = Rᵀ x_j − x̄_j     corotational strain, R of the point's region
-    ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   or, for the other laws, ψ(F), σ = P Fᵀ / J
+    S = Σ_j y_j ḡ_jᵀ + Ψ T y / E, y_j = Rᵀ x_j − x̄_j         R of the point's region, Ψ T of whole_body/strains.py
+    ψ = λ/2 (tr ε)² + μ ε : ε, σ = R (λ tr ε I + 2 μ ε) Rᵀ   ε = sym S; for the other laws ψ, σ = P Fᵀ / J at R (I + S)
 
 W_j are those that move the surfaces, Φ T what the body moves beyond them (whole_body/modes.py), where that is known.
+Stresses have strains of their own: slopes of W_j and Φ are not in equilibrium. Without them S is that of F above.
 Slopes are those of the nearest voxel, inside its region and its material.
 Index letters: n material point; j control point; r, s rows; a, b columns; q mode. The sensors compute the same.
 """
@@ -30,6 +31,7 @@ from mjframes.elasticity.stiffness import shows_rotations
 from mjframes.volume.grid import Grid, evened, voxel_grid
 from mjframes.weights.interpolation import closest_voxels, voxel_shares
 from mjframes.whole_body.modes import mode_slopes
+from mjframes.whole_body.strains import SYMMETRIC, even_slope, held_voxels
 
 Array = NDArray[np.float64]
 Region = CorotationalRegion | HyperelasticRegion
@@ -44,21 +46,32 @@ class Group:
     rows: (s,) which ones.
     region: its number.
     points: (m,) its control points.
+    rest: x̄_j (m, 3) [m].
     gradient: ∇W_j (s, m, 3) [1/m].
     slack: I − Σ_j x̄_j ∇W_jᵀ (s, 3, 3), 0 where all the region's frames can turn.
     mode: Φ (s, 3, q).
     mode_slope: ∇Φ (s, 3, 3, q) [1/m], derivatives in the third axis.
     share: T (q, 3m).
+    even, strain, strain_share: ḡ_j (s, m, 3) [1/m], Ψ/E (s, 3, 3, p) [1/Pa] and its T (p, 3m) [Pa/m].
     """
 
     rows: NDArray[np.int64]
     region: int
     points: NDArray[np.int64]
+    rest: Array
     gradient: Array
     slack: Array
     mode: Array
     mode_slope: Array
     share: Array
+    even: Array
+    strain: Array
+    strain_share: Array
+
+    @property
+    def even_slack(self) -> Array:
+        """Return I − Σ_j x̄_j ḡ_jᵀ (s, 3, 3)."""
+        return np.eye(3) - np.einsum("jr,nja->nra", self.rest, self.even)
 
     def lifted(self, region: Region, x: Array) -> tuple[Array, Array]:
         """Return R (3, 3) and T y (q,) with the control points at x (k, 3); R is I where nothing turns along."""
@@ -67,6 +80,13 @@ class Group:
         own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
         R = region.rotation(own)
         return R, self.share @ (own @ R - rest).ravel()
+
+    def strained(self, region: CorotationalRegion, x: Array) -> tuple[Array, Array]:
+        """Return R (3, 3), and S (s, 3, 3) with F = R (I + S) but for a turn, with the control points at x (k, 3)."""
+        own, rest = _about_mean(x[self.points]), _about_mean(region.rest)
+        R = region.rotation(own)
+        y = own @ R - rest
+        return R, np.einsum("jr,nja->nra", y, self.even) + self.strain @ (self.strain_share @ y.ravel())
 
     def lifted_velocity(self, region: Region, x: Array, v: Array) -> Array:
         """Return d/dt R Φ T y (s, 3) while the control points move by v (k, 3) [m/s]."""
@@ -150,6 +170,16 @@ class MaterialPoints:
             F[group.rows] += R @ (group.mode_slope @ change)
         return F
 
+    def _strained(self, regions: Sequence[Region], x: Array) -> Array:
+        """F (n, 3, 3) of which the stress is, where it is recovered."""
+        F = self.deformation_gradients(regions, x)
+        for group in self.groups:
+            region = regions[group.region]
+            if isinstance(region, CorotationalRegion):
+                R, slope = group.strained(region, x)
+                F[group.rows] = R @ (np.eye(3) + slope)
+        return F
+
     def response(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
         """Return Cauchy stress σ (n, 3, 3) [Pa] and strain energy density ψ (n,) [J/m³]; regions: the soft body's."""
         return self._corotational(regions, x) if self.law == COROTATIONAL else self._hyperelastic(regions, x)
@@ -159,9 +189,7 @@ class MaterialPoints:
         for group in self.groups:
             region, lam, mu = regions[group.region], *self.constants[group.rows, :2].T
             assert isinstance(region, CorotationalRegion)
-            R, change = group.lifted(region, x)
-            y = _about_mean(x[group.points]) @ R - _about_mean(region.rest)
-            slope = np.einsum("jr,nja->nra", y, group.gradient) + group.mode_slope @ change
+            R, slope = group.strained(region, x)
             strain = 0.5 * (slope + slope.transpose(0, 2, 1))
             trace = np.trace(strain, axis1=1, axis2=2)
             turned = (lam * trace)[:, None, None] * np.eye(3) + 2 * mu[:, None, None] * strain
@@ -170,7 +198,7 @@ class MaterialPoints:
         return stress, energy
 
     def _hyperelastic(self, regions: Sequence[Region], x: Array) -> tuple[Array, Array]:
-        F = self.deformation_gradients(regions, x)
+        F = self._strained(regions, x)
         stress, energy = np.empty_like(F), np.empty(len(F))
         kinds, kind = np.unique(self.constants, axis=0, return_inverse=True)
         for number, constants in enumerate(kinds.tolist()):
@@ -244,4 +272,22 @@ def _group(
         modes = fields.lifting.mode[:, :, : len(share)]
         mode = (around @ modes.reshape(len(modes), -1)).reshape(len(rows), 3, len(share))
         slope = mode_slopes(grid, modes, nearest, fields.region, within)
-    return Group(rows, region, points, gradient, slack, mode, slope, share)
+    recovered = _recovered(body, grid, region, rest[points], nearest) if fields.strains else (gradient, slope, share)
+    return Group(rows, region, points, rest[points], gradient, slack, mode, slope, share, *recovered)
+
+
+def _recovered(
+    body: SoftBody, grid: Grid, region: int, rest: Array, nearest: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
+    """ḡ, Ψ/E and T of points next to voxels (s,) of a region with control points at rest (m, 3)."""
+    fields = body.fields
+    assert fields.strains is not None
+    share = fields.strains.share[region]
+    young = grid.per_material("young")
+    if body.law != COROTATIONAL:
+        young = np.array([laws.law_of_constants(body.law, some).hooke[0] for some in body.law_constants.tolist()])
+    mode = fields.strains.mode[nearest, :, : len(share)] / young[grid.material[nearest], None, None]
+    strain = mode[:, np.array(SYMMETRIC)]
+    strains = ~held_voxels(grid, fields.seeds[: len(body.links)])[nearest]
+    even = even_slope(body.stiffness.gradient[region], rest)
+    return strains[:, None, None] * even, strain, share

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
@@ -15,6 +15,8 @@ from mjframes.scene import plugin
 from mjframes.scene.identity import asset_key
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import decode, encode, soft_name, weight_attributes
+
+Array = NDArray[np.float64]
 
 SLACK = 1e-9  # [-] of F: below it is rounding
 
@@ -122,15 +124,25 @@ def write_sensor(spec: mujoco.MjSpec, name: str, own: str, kind: str, config: di
     return sensor
 
 
-def _samples(at: MaterialPoints) -> dict[str, str]:
-    """Of material points: what the plugin reads, point by point."""
+def _slopes(at: MaterialPoints) -> dict[str, str]:
+    """Of material points: what the plugin reads for how positions differ there, point by point."""
+    return _samples(at, [(group.gradient, group.slack, group.mode_slope @ group.share) for group in at.groups])
+
+
+def _strains(at: MaterialPoints) -> dict[str, str]:
+    """Of material points: what the plugin reads for the strain that stress and energy are of, point by point."""
+    return _samples(at, [(group.even, group.even_slack, group.strain @ group.strain_share) for group in at.groups])
+
+
+def _samples(at: MaterialPoints, parts: list[tuple[Array, Array, Array]]) -> dict[str, str]:
+    """parts: of each group, gradients (s, m, 3), what they lack of I (s, 3, 3), and slopes besides (s, 3, 3, 3m)."""
     count = len(at.offset)
     region, slack = np.empty(count, int), np.empty((count, 3, 3))
     gradient: list[np.ndarray] = [np.zeros(0)] * count
     lift: list[np.ndarray] = [np.zeros(0)] * count
-    for group in at.groups:
-        region[group.rows], slack[group.rows] = group.region, group.slack
-        for row, some, slope in zip(group.rows, group.gradient, group.mode_slope @ group.share, strict=True):
+    for group, (even, lacking, slopes) in zip(at.groups, parts, strict=True):
+        region[group.rows], slack[group.rows] = group.region, lacking
+        for row, some, slope in zip(group.rows, even, slopes, strict=True):
             gradient[row], lift[row] = some.ravel(), slope.ravel()
     config = {
         "region": encode(region),
@@ -170,10 +182,10 @@ QUANTITIES = {
     "contact_force": Quantity(
         "sum of the contact forces on the body, in the world's axes", "N", 3, plugin=plugin.FORCE_SENSOR_NAME
     ),
-    "energy_density": Quantity("elastic energy density", "J/m³", 1, _samples),
-    "stress": Quantity("Cauchy's stress in the world's axes, as xx, yy, zz, yz, xz, xy", "Pa", 6, _samples),
-    "strain": Quantity("Green's strain in the volume's axes, in the same order", "-", 6, _samples),
-    "deformation_gradient": Quantity("from the volume's to the world's axes, row by row", "-", 9, _samples),
+    "energy_density": Quantity("elastic energy density", "J/m³", 1, _strains),
+    "stress": Quantity("Cauchy's stress in the world's axes, as xx, yy, zz, yz, xz, xy", "Pa", 6, _strains),
+    "strain": Quantity("Green's strain in the volume's axes, in the same order", "-", 6, _slopes),
+    "deformation_gradient": Quantity("from the volume's to the world's axes, row by row", "-", 9, _slopes),
     "position": Quantity("position in the world's axes", "m", 3, place_attributes),
     "velocity": Quantity("velocity in the world's axes", "m/s", 3, place_attributes),
 }

@@ -371,14 +371,18 @@ class Soft:
         return self._axes @ self._at(points).deformation_gradients(self._elastic[1], self._local)
 
     def strains(self, points: ArrayLike) -> np.ndarray:
-        """Return Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes."""
+        """Return Green's strain ½ (Fᵀ F − I) (n, 3, 3) at material points, in the volume's axes.
+
+        Of slopes of positions; stresses have strains of their own, which are smoother.
+        """
         F = self.deformation_gradients(points)
         return 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
 
     def stresses(self, points: ArrayLike) -> np.ndarray:
         """Return Cauchy's stress (n, 3, 3) at material points, in the world's axes [Pa].
 
-        Elastic stress, without damping.
+        Elastic stress, without damping, recovered from finite elements: sections carry the loads on them, but for the
+        layer of voxels beside a held piece or another material, and places where loads act.
         """
         some = self._at(points)
         stress = self._factors[some.factor, None, None] * some.response(self._elastic[1], self._local)[0]

@@ -1,7 +1,7 @@
 """The stages of the whole body's stiffness, in order.
 
 mesh and solver → superelement → covariance selection → regions → control weights that follow the body → modes → error
-→ cells, for hyperelastic laws
+→ strains → cells, for hyperelastic laws
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from mjframes.whole_body.probes import Answers, Probes, answers, probed, probes
 from mjframes.whole_body.pushes import free_surface
 from mjframes.whole_body.regions import bone_frames, regions_of
 from mjframes.whole_body.selection import select
+from mjframes.whole_body.strains import Strains, motions, strains
 from mjframes.whole_body.superelement import Superelement, superelement
 from mjframes.whole_body.weight_correction import assembled, compliance, correction
 
@@ -65,6 +66,7 @@ class Condensed:
     region: (n,) of each voxel.
     shapes: weights that follow the body.
     lifting: what the body moves beyond them.
+    strains: how it strains.
     error: against the finite elements.
     where: (n,) its root mean square over the load cases, to that of the displacements [-].
     cells: where a hyperelastic law is evaluated, None for the corotational one.
@@ -75,6 +77,7 @@ class Condensed:
     region: NDArray[np.int32]
     shapes: ShapeFunctions
     lifting: Lifting
+    strains: Strains
     error: BodyError
     where: Array
     cells: Cells | None
@@ -128,7 +131,8 @@ def whole_body(
     )
     parts = select(element.matrix, control, parents, element.shares)
     stiffness, region = regions_of(grid, label, frames_of, control, parts, links, bones)
-    covariance = compliance(assembled(stiffness, len(control.frame)), control, types, held)
+    matrix = assembled(stiffness, len(control.frame))
+    covariance = compliance(matrix, control, types, held)
     progress("refitting the weights")
     plain = shapes.at_voxels(grid)
     change, lifted = _followed(grid, shapes, plain, element, covariance, stiffness, region, blocks)
@@ -139,6 +143,9 @@ def whole_body(
     moved += displaced(lifted, stiffness, region, x)
     error, where = measured(grid, finite.cases, finite.exact, moved)
     del moved
+    exact = _at_places(grid, finite.exact, blocks)
+    known = motions(matrix, covariance, control, held, element, x, exact, finite.cases.weights)
+    strained = strains(grid, finite.solver.held, blocks, control, known, stiffness, region)
     some = None
     if laws:
         progress("placing the cells")
@@ -148,7 +155,7 @@ def whole_body(
     points = x.reshape(len(control.frame), 3, -1)
     error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, finite.reach, firmness))
     shapes = ShapeFunctions(shapes.weights, control, change)
-    return Condensed(stiffness, region, shapes, lifted, error, where, some, answered)
+    return Condensed(stiffness, region, shapes, lifted, strained, error, where, some, answered)
 
 
 def _followed(
@@ -169,6 +176,12 @@ def _followed(
     first = np.unique(blocks, return_index=True)[1]
     lifted = lifting(functions + change, shapes.control, grid.axes, element, covariance, stiffness, region[first])
     return sparse.csr_array(change[blocks]), Lifting(lifted.mode[blocks], lifted.share)
+
+
+def _at_places(grid: Grid, moved: NDArray[np.float32], blocks: NDArray[np.integer]) -> NDArray[np.float32]:
+    """Displacements (n, 3, c) of the voxels as those of the places (r, 3, c), along the grid's axes."""
+    mean = averages(blocks).astype(np.float32) @ moved.reshape(len(moved), -1)
+    return np.einsum("ba,vbc->vac", grid.axes.astype(np.float32), mean.reshape(-1, *moved.shape[1:]))
 
 
 def _counted(stage: str, progress: Callable[[str], None]) -> Progress:

@@ -67,8 +67,8 @@ def lifting(
         points = stiffness.points[e]
         dof = degrees(points)
         own = covariance[np.ix_(dof, dof)]
-        relative = _relative(control.rest[points], np.flatnonzero(np.diagonal(own) <= 0))
-        inverse = _inverse_root(relative @ own @ relative.T)
+        relative = relative_motions(control.rest[points], np.flatnonzero(np.diagonal(own) <= 0))
+        inverse = inverse_root(relative @ own @ relative.T)
         if not len(voxels[e]) or not len(inverse):
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
         unit = relative.T @ inverse.T  # to unit, independent motions of the points, but for their common rigid one
@@ -129,7 +129,7 @@ def mode_slopes(
     return np.einsum("vmqb,ab->vmaq", slopes, grid.axes)
 
 
-def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
+def relative_motions(rest: Array, still: NDArray[np.integer]) -> Array:
     """(3m, 3m) from displacements of m points to those less a rigid motion of all: what is left is what deforms.
 
     still: the degrees of freedom of the held ones, whose motion that is; without any, it is the nearest one.
@@ -141,7 +141,7 @@ def _relative(rest: Array, still: NDArray[np.integer]) -> Array:
     return relative
 
 
-def _inverse_root(covariance: Array) -> Array:
+def inverse_root(covariance: Array) -> Array:
     """A⁺ (q, 3m) of A (3m, q) with A Aᵀ the covariance, 0 for what stands still.
 
     Not `base.linear.inverse_root`, which multiplies where this divides: in directions that hardly move, rounding alone
