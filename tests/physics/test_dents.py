@@ -232,7 +232,8 @@ def test_what_is_pressed_on_all_of_its_side_is_as_firm_as_its_flesh(
     width, thickness, strain = 0.06, 0.02, 0.05
     volume = Volume.box((width, width, thickness), Material(YOUNG, 0.3, density), spacing=SPACING)
     scene = f"""<mujoco><option gravity="0 0 0"/><worldbody>
-      <geom type="plane" size="1 1 .1" pos="0 0 {-thickness / 2}"/><body name="plate" mocap="true"><geom name="plate" type="box" size=".1 .1 .02"/></body></worldbody></mujoco>"""
+      <geom type="plane" size="1 1 .1" pos="0 0 {-thickness / 2}"/>
+      <body name="plate" mocap="true"><geom name="plate" type="box" size=".1 .1 .02"/></body></worldbody></mujoco>"""
     contact = Contact(solref=(solref, 1), priority=1)
     model, data = compiled(scene, (build(volume, 1, damping=(0, 0.002)), (0, 0, 0), (1, 0, 0, 0)), contact=contact)
     for step in range(1000):
