@@ -125,14 +125,15 @@ double Stiffness(const mjModel* m, const mjContact& contact) {
 }
 
 // The contact as one that is pressed; false where it is not, or makes no dent. MuJoCo's own spring goes with the
-// masses, and would hide the flesh of what is light: it is made firmer than that.
+// masses, and would hide the flesh of what is light: it is made firmer than that, unless it is to bounce.
 bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int number, Pressed* pressed) {
   const mjContact& contact = d->contact[number];
   const int row = contact.efc_address;
   if (row < 0 || !(dents.flesh > 0)) return false;
   const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), pull = k * d->efc_KBIP[4 * row + 2] * rows;
-  const double own = pull / d->efc_R[row], usual = std::min(1.0, kFirmPeriod * kFirmPeriod * k);
+  const bool springs = contact.solref[0] <= 0 || contact.solref[1] < 1;
+  const double own = pull / d->efc_R[row], usual = springs ? 0 : std::min(1.0, kFirmPeriod * kFirmPeriod * k);
   const double spring = std::max(own, kFirmer * usual / dents.flesh);
   *pressed = {number, row, rows, 0, {-1, -1}, k, spring, spring > own, d->efc_margin[row] - d->efc_pos[row], 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;

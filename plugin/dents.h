@@ -25,7 +25,8 @@
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
 // Contacts that share no soft body, directly or through others, do not meet in C: each such group is solved alone.
 // MuJoCo's R goes with the mass: what is light would meet a spring that is softer than its flesh. So R / (k imp) is no
-// more than a twentieth of how far a half-space of the flesh gives way, times 1/(k T²) where solref is longer than T.
+// more than a twentieth of how far a half-space of the flesh gives way, times 1/(k T²) where solref is longer than T;
+// contacts that are to bounce keep MuJoCo's.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
 
 #ifndef MJFRAMES_PLUGIN_DENTS_H_
