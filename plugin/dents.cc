@@ -19,8 +19,7 @@ struct Pressed {
   int group;               // the first of those that it meets in C
   int body[2];             // instance of the soft body on each side that makes a dent, −1 where there is none
   double k;                // of MuJoCo's own spring, as it takes it from solref [1/s²]
-  double spring;           // k imp / R of it, or what the flesh asks for [N/m] …
-  bool is_raised;          // … if that is more
+  double spring;           // k imp / R of it [N/m]
   double gap;              // δ [m]
   double rate;             // of what the normal row measures, where rows of friction share its damping [m/s]
 };
@@ -124,18 +123,14 @@ double Stiffness(const mjModel* m, const mjContact& contact) {
   return 1 / std::max(mjMINVAL, period * period);
 }
 
-// The contact as one that is pressed; false where it is not, or makes no dent. MuJoCo's own spring goes with the
-// masses, and would hide the flesh of what is light: it is made firmer than that, unless it is to bounce.
+// The contact as one that is pressed; false where it is not, or makes no dent.
 bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int number, Pressed* pressed) {
   const mjContact& contact = d->contact[number];
   const int row = contact.efc_address;
-  if (row < 0 || !(dents.flesh > 0)) return false;
+  if (row < 0 || !(dents.side[0].softness > 0 || dents.side[1].softness > 0)) return false;
   const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
-  const double k = Stiffness(m, contact), pull = k * d->efc_KBIP[4 * row + 2] * rows;
-  const bool springs = contact.solref[0] <= 0 || contact.solref[1] < 1;
-  const double own = pull / d->efc_R[row], usual = springs ? 0 : std::min(1.0, kFirmPeriod * kFirmPeriod * k);
-  const double spring = std::max(own, kFirmer * usual / dents.flesh);
-  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, spring > own, d->efc_margin[row] - d->efc_pos[row], 0};
+  const double k = Stiffness(m, contact), spring = k * d->efc_KBIP[4 * row + 2] * rows / d->efc_R[row];
+  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);
@@ -154,32 +149,22 @@ void Solve(const Pressed* pressed, const double* C, int n, double* f) {
   }
 }
 
-// Sets R of rows that are not as firm as the force may grow, and of those whose friction does not go with their R along
-// the normal, which may then give way as fast as dents do. A pyramid would creep where they do: R of its edges is that
-// of friction, too. C becomes its factor; work: memory (2n).
-void SetFirmness(const mjModel* m, mjData* d, const Pressed* pressed, double* C, int n, double* work) {
-  const auto is_firm = [](const Pressed& one) { return one.rows > 1 && !one.is_raised; };
-  if (std::all_of(pressed, pressed + n, is_firm)) return;
-  const bool is_known = n <= kMostSoftened && mju_cholFactor(C, n, std::numeric_limits<double>::min()) == n;
+// Lets rows whose friction does not go with their R along the normal give way as fast as dents may. A pyramid would
+// creep where they do: R of its edges is that of friction, too. C becomes its factor; work: memory (2n).
+void Soften(mjData* d, const Pressed* pressed, double* C, int n, double* work) {
+  if (std::all_of(pressed, pressed + n, [](const Pressed& one) { return one.rows > 1; })) return;
+  if (mju_cholFactor(C, n, std::numeric_limits<double>::min()) < n) return;
   double *unit = work, *column = work + n;
   for (int i = 0; i < n; i++) {
-    if (is_firm(pressed[i])) continue;
-    double firmest = pressed[i].spring;
-    if (is_known) {
-      std::fill_n(unit, n, 0.0);
-      unit[i] = 1;
-      mju_cholSolve(column, C, unit, n);
-      firmest = mju_L1(column, n);  // Σ_j |C⁻¹_ij|: the diagonal matrix of these is above C⁻¹
-    }
+    if (pressed[i].rows > 1) continue;
+    std::fill_n(unit, n, 0.0);
+    unit[i] = 1;
+    mju_cholSolve(column, C, unit, n);
     mjContact& contact = d->contact[pressed[i].contact];
-    const int row = pressed[i].row, rows = pressed[i].rows;
-    const double R = pressed[i].k * d->efc_KBIP[4 * row + 2] * rows / firmest, share = R / d->efc_R[row];
-    if (share < 1) {
-      for (int r = row; r < row + RowCount(m, contact); r++) SetResistance(d, r, share * d->efc_R[r]);
-    } else if (rows == 1 && is_known) {
-      SetResistance(d, row, R);
-      if (contact.dim > 1) contact.mu = contact.friction[0] * std::sqrt(d->efc_R[row + 1] / d->efc_R[row]);
-    }
+    const int row = pressed[i].row;
+    const double firmest = mju_L1(column, n);  // Σ_j |C⁻¹_ij|: the diagonal matrix of these is above C⁻¹
+    SetResistance(d, row, std::max(d->efc_R[row], pressed[i].k * d->efc_KBIP[4 * row + 2] / firmest));
+    if (contact.dim > 1) contact.mu = contact.friction[0] * std::sqrt(d->efc_R[row + 1] / d->efc_R[row]);
   }
 }
 
@@ -229,7 +214,7 @@ int Group(Pressed* pressed, int n, int* last, int instances) {
 }
 
 // The springs of one group. memory: (n² + 4n).
-void SetGroup(const mjModel* m, mjData* d, const ContactDents* dents, const Pressed* pressed, int n, double* memory) {
+void SetGroup(mjData* d, const ContactDents* dents, const Pressed* pressed, int n, double* memory) {
   double *C = memory, *f = C + static_cast<size_t>(n) * n, *left = f + n, *work = left + n;
   for (int i = 0; i < n; i++) {
     for (int j = 0; j <= i; j++) C[i * n + j] = C[j * n + i] = Compliance(d, dents, pressed[i], pressed[j]);
@@ -237,7 +222,7 @@ void SetGroup(const mjModel* m, mjData* d, const ContactDents* dents, const Pres
   }
   Solve(pressed, C, n, f);
   for (int i = 0; i < n; i++) left[i] = std::max(0.0, mju_dot(C + i * n, f, n) - pressed[i].gap);
-  SetFirmness(m, d, pressed, C, n, work);
+  if (n <= kMostSoftened) Soften(d, pressed, C, n, work);
   for (int i = 0; i < n; i++) SetSpring(d, pressed[i], f[i], left[i]);
 }
 
@@ -252,7 +237,6 @@ double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance
 void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last) {
   std::fill(last->begin(), last->end(), -1);
   for (int c = 0; c < d->ncon; c++) {
-    dents[c].flesh = 0;
     for (int s = 0; s < 2; s++) {
       dents[c].before[s] = -1;
       if (!(dents[c].side[s].width > 0)) continue;
@@ -267,7 +251,6 @@ void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector
       if (!(dent.softness > 0) || !(d->contact[c].dist < 0)) continue;
       const int of_body = (*last)[SoftInstanceOf(m, d->contact[c].geom[s])];
       const double depth = DepthOpposite(d, dents, c, s, of_body) - d->contact[c].dist;
-      dents[c].flesh += dent.softness * dent.softness * Spread(0, 2 * kPressure * dents[c].variance);
       const double covered = dent.section > 0 ? Covered(d, dents, c, s, of_body) : 0;
       dent.softness *= std::sqrt(1 - covered * covered);
       const double left = std::max(0.0, 1 - depth / dent.thickness);
@@ -289,7 +272,7 @@ bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents) {
     double* memory = mj_stackAllocNum(d, static_cast<size_t>(most + 4) * most);
     for (int begin = 0, end = 0; begin < n; begin = end) {
       while (end < n && pressed[end].group == pressed[begin].group) end++;
-      SetGroup(m, d, dents, pressed + begin, end - begin, memory);
+      SetGroup(d, dents, pressed + begin, end - begin, memory);
     }
   }
   FreeStack(d);

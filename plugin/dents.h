@@ -24,9 +24,6 @@
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
 // MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
 // Contacts that share no soft body, directly or through others, do not meet in C: each such group is solved alone.
-// MuJoCo's R goes with the mass: what is light would meet a spring that is softer than its flesh. So R / (k imp) is no
-// more than a twentieth of how far a half-space of the flesh gives way, times 1/(k T²) where solref is longer than T;
-// contacts that are to bounce keep MuJoCo's.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
 
 #ifndef MJFRAMES_PLUGIN_DENTS_H_
@@ -54,11 +51,10 @@ struct ContactDents {
   double variance;  // of that along the surface [m²]
   Dent side[2];     // of each geom
   int before[2];    // of each geom: which side of a contact, 2c + s, its soft body had before this one; −1 for none
-  double flesh;     // how far a half-space of the flesh gives way below the contact [m/N]; 0 where it is not pressed
 };
 
-// Makes the flesh of all contacts firmer where these press it deep or on most of its section, and fills in `before` and
-// `flesh`. last: memory (nplugin).
+// Makes the flesh of all contacts firmer where these press it deep or on most of its section, and fills in `before`.
+// last: memory (nplugin).
 void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last);
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.

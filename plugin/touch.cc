@@ -415,7 +415,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.centre, touch.variance, {}, {}, 0};
+  ContactDents dents = {touch.centre, touch.variance, {}, {}};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;

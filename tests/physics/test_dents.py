@@ -223,24 +223,24 @@ def test_piles_that_do_not_touch_step_as_each_does_alone(cone: str) -> None:
         np.testing.assert_allclose(positions, (one | other)[name], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("density", [10, 1000])
-@pytest.mark.parametrize(("solref", "low", "high"), [(0.01, 0.75, 0.9), (0.05, 0.3, 0.6)])
-def test_what_is_pressed_on_all_of_its_side_is_as_firm_as_its_flesh(
-    solref: float, low: float, high: float, density: float
-) -> None:
-    """Light pads felt MuJoCo's own spring of a contact, which goes with the mass, and dents that were not there."""
+def test_what_is_pressed_on_all_of_its_side_makes_no_dent() -> None:
+    """One frame shows all of it; dents halved the force."""
     width, thickness, strain = 0.06, 0.02, 0.05
-    volume = Volume.box((width, width, thickness), Material(YOUNG, 0.3, density), spacing=SPACING)
+    volume = Volume.box((width, width, thickness), Material(YOUNG, 0.3, 1000), spacing=SPACING)
+    body = build(volume, 1, damping=(0, 0.002))
     scene = f"""<mujoco><option gravity="0 0 0"/><worldbody>
       <geom type="plane" size="1 1 .1" pos="0 0 {-thickness / 2}"/>
       <body name="plate" mocap="true"><geom name="plate" type="box" size=".1 .1 .02"/></body></worldbody></mujoco>"""
-    contact = Contact(solref=(solref, 1), priority=1)
-    model, data = compiled(scene, (build(volume, 1, damping=(0, 0.002)), (0, 0, 0), (1, 0, 0, 0)), contact=contact)
-    for step in range(1000):
-        data.mocap_pos[0, 2] = thickness / 2 + 0.02 - strain * thickness * min(1, step / 200)
-        mujoco.mj_step(model, data)
-    mujoco.mj_forward(model, data)
-    carried = soft(model, data, "soft0").patch_forces[:, 2]
-    push = -carried[carried < 0].sum()
+    push = []
+    for makes in (True, False):
+        contact = Contact(solref=(0.001, 1), priority=1, dents=makes)
+        model, data = compiled(scene, (body, (0, 0, 0), (1, 0, 0, 0)), contact=contact, timestep=0.0005)
+        for step in range(3000):
+            data.mocap_pos[0, 2] = thickness / 2 + 0.02 - strain * thickness * min(1, step / 800)
+            mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        carried = soft(model, data, "soft0").patch_forces[:, 2]
+        push.append(-carried[carried < 0].sum())
+    assert push[0] == pytest.approx(push[1], rel=0.05)
     # one frame alone is a sixth softer than E A / L: its strain is not even
-    assert low < push / (YOUNG * width**2 * strain) < high
+    assert 0.75 < push[0] / (YOUNG * width**2 * strain) < 0.9
