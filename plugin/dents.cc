@@ -82,35 +82,31 @@ double Compliance(const mjData* d, const ContactDents* dents, const Pressed& p, 
 // Which way is out of side s of a contact.
 Vec3 Outward(const mjContact& contact, int s) { return (s == 0 ? 1 : -1) * ToVec3(contact.frame); }
 
-// How deep contacts press the flesh that is opposite of side s of a contact [m]. last: which side of a contact was its
-// soft body's last one.
-double DepthOpposite(const mjData* d, const ContactDents* dents, int number, int s, int last) {
+// How contacts press the flesh around side s of a contact, which is one of them.
+struct Around {
+  double opposite;  // how deep on the other side [m]
+  double covered;   // what share of the body's section on this side [-]; 0 where that is not known
+};
+
+// last: which side of a contact was its soft body's last one.
+Around PressedAround(const mjData* d, const ContactDents* dents, int number, int s, int last) {
   const Vec3 out = Outward(d->contact[number], s);
-  const double square = dents[number].side[s].width * dents[number].side[s].width;
-  double depth = 0;
+  const Dent& dent = dents[number].side[s];
+  const double square = dent.width * dent.width;
+  double depth = 0, area = 0;
   for (int some = last; some >= 0; some = dents[some / 2].before[some % 2]) {
     const int c = some / 2;
-    const double opposed = -Dot(out, Outward(d->contact[c], some % 2));
-    if (!(opposed > 0)) continue;
+    const double dist = d->contact[c].dist, opposed = -Dot(out, Outward(d->contact[c], some % 2));
+    if (!(opposed > 0)) {
+      if (dist < 0) area -= opposed * kEvenPressure * dents[c].variance;
+      continue;
+    }
     const Vec3 offset = dents[c].centre - dents[number].centre;
     const double along = Dot(offset, out), apart = Dot(offset, offset) - along * along;
     if (!(apart < square)) continue;
-    depth = std::max(depth, -opposed * (1 - apart / square) * d->contact[c].dist);
+    depth = std::max(depth, -opposed * (1 - apart / square) * dist);
   }
-  return depth;
-}
-
-// What share of the body's section contacts press from side s of a contact, which is one of them [-]. last: which side
-// of a contact was its soft body's last one.
-double Covered(const mjData* d, const ContactDents* dents, int number, int s, int last) {
-  const Vec3 out = Outward(d->contact[number], s);
-  double area = 0;
-  for (int some = last; some >= 0; some = dents[some / 2].before[some % 2]) {
-    const mjContact& contact = d->contact[some / 2];
-    const double along = Dot(out, Outward(contact, some % 2));
-    if (along > 0 && contact.dist < 0) area += along * kEvenPressure * dents[some / 2].variance;
-  }
-  return std::min(1.0, area / dents[number].side[s].section);
+  return {depth, dent.section > 0 ? std::min(1.0, area / dent.section) : 0};
 }
 
 // k, which the rows have no more when this stage comes again on the same ones.
@@ -250,10 +246,9 @@ void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector
       Dent& dent = dents[c].side[s];
       if (!(dent.softness > 0) || !(d->contact[c].dist < 0)) continue;
       const int of_body = (*last)[SoftInstanceOf(m, d->contact[c].geom[s])];
-      const double depth = DepthOpposite(d, dents, c, s, of_body) - d->contact[c].dist;
-      const double covered = dent.section > 0 ? Covered(d, dents, c, s, of_body) : 0;
+      const auto [opposite, covered] = PressedAround(d, dents, c, s, of_body);
       dent.softness *= std::sqrt(1 - covered * covered);
-      const double left = std::max(0.0, 1 - depth / dent.thickness);
+      const double depth = opposite - d->contact[c].dist, left = std::max(0.0, 1 - depth / dent.thickness);
       dent.softness *= left * std::sqrt(3 / (1 + left + left * left));
     }
   }

@@ -133,16 +133,12 @@ def _check_fields(fields: Fields, frames: int, k: int, sizes: Sequence[int]) -> 
     _require("fields.weights", bool(filled.all()) and bool((fields.weights.sum(axis=1) > 0).all()))
     if fields.correction is not None:
         _rows("fields.correction", fields.correction, n, k)
-    if fields.lifting is not None:
-        modes = fields.lifting.mode.shape[-1] if fields.lifting.mode.ndim else 0
-        _numbers("fields.lifting.mode", fields.lifting.mode, (n, 3, modes))
-        _each("fields.lifting.share", fields.lifting.share, [(None, 3 * m) for m in sizes])
-        _require("fields.lifting.share", all(len(some) <= modes for some in fields.lifting.share))
-    if fields.strains is not None:
-        modes = fields.strains.mode.shape[-1] if fields.strains.mode.ndim else 0
-        _numbers("fields.strains.mode", fields.strains.mode, (n, 6, modes))
-        _each("fields.strains.share", fields.strains.share, [(None, 3 * m) for m in sizes])
-        _require("fields.strains.share", all(len(some) <= modes for some in fields.strains.share))
+    for name, some, entries in (("lifting", fields.lifting, 3), ("strains", fields.strains, 6)):
+        if some is not None:
+            modes = some.mode.shape[-1] if some.mode.ndim else 0
+            _numbers(f"fields.{name}.mode", some.mode, (n, entries, modes))
+            _each(f"fields.{name}.share", some.share, [(None, 3 * m) for m in sizes])
+            _require(f"fields.{name}.share", all(len(share) <= modes for share in some.share))
     if fields.error is not None:
         _numbers("fields.error", fields.error, (n,))
     _indices("fields.region", fields.region, (n,), len(sizes))

@@ -170,7 +170,7 @@ class LiftSteakVector(VectorEnv):
         """
         ended = self._ended
         going = np.flatnonzero(~ended)
-        for world in going:
+        for world in going[~np.isfinite(np.asarray(actions)[going]).all(axis=1)]:
             _require_finite(f"action of world {world}", actions[world])
         if ended.any():
             self._start(np.flatnonzero(ended))

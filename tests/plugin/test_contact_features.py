@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from builders.obstacles import lowest
 from builders.scenes import beam, compiled
 from builders.slabs import slab
 
@@ -33,27 +34,6 @@ THORN = (
 )
 
 MESHES = (("coarse", 0), ("fine", 3))  # subdivisions of a sphere
-
-
-def lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """z of the lowest point of the obstacle [m], by bringing a plane's normal to it."""
-    geom = model.geom("obstacle").id
-    size, axes = model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3)
-    down = -axes[2]
-    match int(model.geom_type[geom]):
-        case mujoco.mjtGeom.mjGEOM_SPHERE:
-            reach = size[0]
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            reach = size[0] + size[1] * abs(down[2])
-        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            reach = np.linalg.norm(size * down)
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            reach = size[0] * np.hypot(*down[:2]) + size[1] * abs(down[2])
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            reach = np.abs(size * down).sum()
-        case _:
-            reach = (model.mesh_vert[: model.mesh_vertnum[0]] @ down).max()
-    return float(data.geom_xpos[geom][2] - reach)
 
 
 @pytest.mark.parametrize("shape", SHARP)

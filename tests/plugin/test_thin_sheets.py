@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from builders.obstacles import lowest
 from builders.scenes import compiled
 
 from mjframes.body.build import build
@@ -25,36 +26,25 @@ SHAPES = {
 POSES = 40
 
 
-def lowest(shape: str, size: tuple[float, ...], down: np.ndarray) -> float:
-    """How far below its middle the geom reaches [m]; down: the world's, in its axes."""
-    match shape:
-        case "box":
-            return float(np.abs(down) @ size)
-        case "cylinder":
-            return float(np.hypot(*down[:2]) * size[0] + abs(down[2]) * size[1])
-        case _:
-            return size[0] + abs(down[2]) * size[1]
-
-
 @pytest.mark.parametrize("sheet", SHEETS)
 def test_they_are_pushed_back_by_whatever_is_in_them(sheet: str) -> None:
     """Corners that were 2 mm deep were pushed out on the other side, and of 5 mm none was felt."""
     extent, spacing = SHEETS[sheet]
     body = build(Volume.box(extent, Material(1e6, 0.3, 1000), spacing=spacing), 4)
     for name, (shape, size) in SHAPES.items():
-        scene = f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="thing"><freejoint name="thing"/>
-          <geom name="thing" type="{shape}" size="{" ".join(map(str, size))}" mass="1"/></body></worldbody></mujoco>"""
+        scene = f"""<mujoco><option gravity="0 0 0"/><worldbody>
+          <body name="obstacle"><freejoint name="obstacle"/>
+            <geom name="obstacle" type="{shape}" size="{" ".join(map(str, size))}" mass="1"/></body>
+          </worldbody></mujoco>"""
         model, data = compiled(scene, (body, (0, 0, 0), (1, 0, 0, 0)))
-        place, force = model.joint("thing").qposadr[0], model.joint("thing").dofadr[0] + 2
+        place, force = model.joint("obstacle").qposadr[0], model.joint("obstacle").dofadr[0] + 2
         rng = np.random.default_rng(2)
         for pose in range(POSES):
-            quat, matrix = rng.normal(size=4), np.zeros(9)
-            quat /= np.linalg.norm(quat)
-            mujoco.mju_quat2Mat(matrix, quat)
-            depth = rng.uniform(1e-3, 2e-3)
-            height = extent[2] / 2 - depth + lowest(shape, size, -matrix.reshape(3, 3)[2])
-            x, y = rng.uniform((-0.09, -0.02), (0.09, 0.02))
+            quat = rng.normal(size=4)
+            depth, (x, y) = rng.uniform(1e-3, 2e-3), rng.uniform((-0.09, -0.02), (0.09, 0.02))
             mujoco.mj_resetData(model, data)
-            data.qpos[place : place + 7] = [x, y, height, *quat]
+            data.qpos[place : place + 7] = [x, y, 0, *quat / np.linalg.norm(quat)]
+            mujoco.mj_kinematics(model, data)
+            data.qpos[place + 2] = extent[2] / 2 - depth - lowest(model, data)
             mujoco.mj_forward(model, data)
             assert data.qfrc_constraint[force] > 0, (name, pose, depth)
