@@ -139,7 +139,10 @@ inline constexpr double kLies = 2;         // [-] a flat cluster lies on somethi
 inline constexpr double kCornerFall = 3;     // [-] of how far things fall in a step, twice: gravity × timestep²
 inline constexpr double kCorner = 0.02;      // [reach] at least, a hundredth of a voxel …
 inline constexpr double kCornerMost = 0.25;  // … and at most
-inline constexpr double kAlong = 0.15;       // [-] cosine of its normal to a contact's: 81° and more
+// [-] … and the more, the deeper the flat side is: what is pressed hard would tilt to and fro, as the force that moves
+// is as a spring of that force over the heights. With 1 the pads of tests/physics/test_firmness.py shake.
+inline constexpr double kCornerPressed = 2;
+inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
 // [-] cosine: two surfaces that face each other by less do not lie on each other.
 inline constexpr double kOpposed = 0.5;
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
@@ -164,6 +167,13 @@ inline constexpr double kRounder = 0x1.8p12;
 inline constexpr size_t kKeptFieldPoints = 256;        // three times what is asked of a patch for a triangle of a flex
 inline constexpr uint64_t kHash = 0x9e3779b97f4a7c15;  // 2⁶⁴ over the golden ratio: spreads places evenly
 inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but that the surface is not here
+
+// Firmness of contacts (firmness.h)
+
+// [-] n: a contact gives way by a ninth of what a half-space of its flesh does.
+inline constexpr double kFirmer = 9;
+// [s] T₀ times MuJoCo's largest impedance of 0.95: 15 ms, to which solref of soft and rigid geoms are mixed by default.
+inline constexpr double kUsualPeriod = 0.01425;
 
 // Dents (dents.h)
 

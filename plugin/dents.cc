@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "constants.h"
+#include "firmness.h"
 #include "impedance.h"
 #include "patch_field.h"
 #include "stack.h"
@@ -18,7 +19,7 @@ struct Pressed {
   int contact, row, rows;  // those that push along the normal, from this one on
   int group;               // the first of those that it meets in C
   int body[2];             // instance of the soft body on each side that makes a dent, −1 where there is none
-  double k;                // of MuJoCo's own spring, as it takes it from solref [1/s²]
+  double k;                // of the contact's own spring [1/s²]
   double spring;           // k imp / R of it [N/m]
   double gap;              // δ [m]
   double rate;             // of what the normal row measures, where rows of friction share its damping [m/s]
@@ -109,23 +110,12 @@ Around PressedAround(const mjData* d, const ContactDents* dents, int number, int
   return {depth, dent.section > 0 ? std::min(1.0, area / dent.section) : 0};
 }
 
-// k, which the rows have no more when this stage comes again on the same ones.
-double Stiffness(const mjModel* m, const mjContact& contact) {
-  const double most = std::clamp(contact.solimp[1], mjMINIMP, mjMAXIMP);
-  const double time = contact.solref[0], ratio = contact.solref[1];
-  if (time <= 0) return -time / (most * most);
-  const double least = m->opt.disableflags & mjDSBL_REFSAFE ? 0 : 2 * m->opt.timestep;
-  const double period = most * std::max(time, least) * ratio;
-  return 1 / std::max(mjMINVAL, period * period);
-}
-
 // The contact as one that is pressed; false where it is not, or makes no dent.
-bool Press(const mjModel* m, const mjData* d, const ContactDents& dents, int number, Pressed* pressed) {
+bool Press(const mjModel* m, mjData* d, const ContactDents& dents, int number, Pressed* pressed) {
   const mjContact& contact = d->contact[number];
   const int row = contact.efc_address;
-  if (row < 0 || !(dents.side[0].softness > 0 || dents.side[1].softness > 0)) return false;
-  const int rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
-  const double k = Stiffness(m, contact), spring = k * d->efc_KBIP[4 * row + 2] * rows / d->efc_R[row];
+  if (row < 0 || !(dents.flesh > 0)) return false;
+  const auto [rows, k, spring] = MakeFirm(m, d, contact, dents.flesh);
   *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
@@ -233,6 +223,7 @@ double DentOfForce(const ContactDents& dents, const Dent& flesh, double distance
 void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last) {
   std::fill(last->begin(), last->end(), -1);
   for (int c = 0; c < d->ncon; c++) {
+    dents[c].flesh = 0;
     for (int s = 0; s < 2; s++) {
       dents[c].before[s] = -1;
       if (!(dents[c].side[s].width > 0)) continue;
@@ -244,7 +235,9 @@ void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector
   for (int c = 0; c < d->ncon; c++) {
     for (int s = 0; s < 2; s++) {
       Dent& dent = dents[c].side[s];
-      if (!(dent.softness > 0) || !(d->contact[c].dist < 0)) continue;
+      if (!(dent.softness > 0)) continue;
+      dents[c].flesh += dent.softness * dent.softness * Spread(0, 2 * kPressure * dents[c].variance);
+      if (!(d->contact[c].dist < 0)) continue;
       const int of_body = (*last)[SoftInstanceOf(m, d->contact[c].geom[s])];
       const auto [opposite, covered] = PressedAround(d, dents, c, s, of_body);
       dent.softness *= std::sqrt(1 - covered * covered);

@@ -15,14 +15,14 @@
 // contacts press the share φ of its section, the frames show more of it: of β² is left 1 − φ².
 //
 // The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own
-// spring of a contact, of stiffness k imp / R, is in series with the dents. The forces that keep the gaps δ open are
-// those of
+// spring of a contact (firmness.h), of stiffness k imp / R, is in series with the dents. The forces that keep the gaps
+// δ open are those of
 //
 //   0 ≤ f ⟂ (C + diag(R / (k imp))) f − δ ≥ 0
 //
 // A row gets the spring that answers its penetration with f_i. The energy of the dents,
 // max_f≥0 f·δ − ½ fᵀCf, is convex with curvature (C + diag(R / (k imp)))⁻¹ ≤ k imp / R: a row that is as firm as
-// MuJoCo's own never underestimates how the force grows, so a step does not overshoot.
+// the contact's own never underestimates how the force grows, so a step does not overshoot.
 // Contacts that share no soft body, directly or through others, do not meet in C: each such group is solved alone.
 // Source: Boussinesq's half-space, see K. L. Johnson, Contact Mechanics (1985), §3.2 and §3.4.
 
@@ -51,10 +51,11 @@ struct ContactDents {
   double variance;  // of that along the surface [m²]
   Dent side[2];     // of each geom
   int before[2];    // of each geom: which side of a contact, 2c + s, its soft body had before this one; −1 for none
+  double flesh;     // how far a half-space of both sides' flesh gives way below its pressure [m/N]
 };
 
-// Makes the flesh of all contacts firmer where these press it deep or on most of its section, and fills in `before`.
-// last: memory (nplugin).
+// Makes the flesh of all contacts firmer where these press it deep or on most of its section, and fills in `before` and
+// `flesh`. last: memory (nplugin).
 void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector<int>* last);
 
 // Sets the springs of the rows of all contacts with soft bodies; R of the rows is complete. dents: of each contact.

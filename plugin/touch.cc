@@ -97,7 +97,8 @@ Vec3 Facing(const Patch& patch, int begin) {
   return patch.volume.facing.empty() ? Vec3{} : patch.volume.facing[patch.ClusterOf(begin)];
 }
 
-// Half of the heights over which a contact goes to a corner [m]: what falls freely for a step or two stays among them.
+// Half of the heights over which a contact goes to a corner that just touches [m]: what falls freely for a step or two
+// stays among them.
 double CornerWidth(const mjModel* m, double reach) {
   const double fall = Norm(ToVec3(m->opt.gravity)) * m->opt.timestep * m->opt.timestep;
   return std::clamp(kCornerFall * fall, kCorner * reach, kCornerMost * reach);
@@ -112,6 +113,7 @@ void MoveToCorner(const Patch& patch, double width, const Shared& shared, const 
                   Touch* touch) {
   if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
   touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
+  width += kCornerPressed * std::max(0.0, -touch->distance);
   const double higher = shared.first - touch->distance;
   const double moved = std::clamp(0.5 * (width - higher) / width, 0.0, 1.0);
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;
@@ -415,7 +417,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.centre, touch.variance, {}, {}};
+  ContactDents dents = {touch.centre, touch.variance, {}, {}, 0};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;

@@ -108,10 +108,10 @@ def test_friction_holds_a_block_on_a_slope_as_it_holds_a_rigid_one(frames: int) 
     assert 0 < (before - middles(model, data, 1))[0, 0] / 0.2 < 1.35e-3
 
 
-@pytest.mark.parametrize(("degrees", "stands"), [(41, True), (47, False)])
+@pytest.mark.parametrize(("degrees", "stands"), [(40, True), (47, False)])
 @pytest.mark.parametrize("voxels", [4, 12])
 def test_a_cube_stands_on_a_slope_and_tips_on_a_steep_one(voxels: int, degrees: float, stands: bool) -> None:
-    """A rigid one tips at 45°. These do from 41.8°: their contacts are a little inside the corners."""
+    """A rigid one tips at 45°. These do from 40.3°, as they fall onto it: contacts are a little inside the corners."""
     slope = np.radians(degrees)
     option = f'cone="elliptic" impratio="10" gravity="{-9.81 * np.sin(slope)} 0 {-9.81 * np.cos(slope)}"'
     cube = block((voxels, voxels, voxels), 0.06 / voxels, 1e6, 1)

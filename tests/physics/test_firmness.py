@@ -1,0 +1,81 @@
+"""What weighs little is as firm below a plate as its flesh, and what is squeezed stays calm."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from builders.scenes import compiled
+
+from mjframes.body.build import build
+from mjframes.body.soft_body import SoftBody
+from mjframes.scene.contact import Contact
+from mjframes.scene.view import soft
+from mjframes.volume.material import Material
+from mjframes.volume.volume import Volume
+
+PAD = (0.024, 0.03, 0.01)  # [m] of a fingertip; 7 g at the density of water
+WIDE = (0.06, 0.06, 0.02)
+YOUNG = 1e5
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+STIFF = Contact(solref=(0.001, 1), priority=1, dents=False)  # at a timestep of 0.5 ms: what the frames alone bear
+
+
+@cache
+def pad(size: tuple[float, float, float], frames: int, density: float, beta: float = 0) -> SoftBody:
+    volume = Volume.box(size, Material(YOUNG, 0.3, density), spacing=0.003)
+    return build(volume, frames, damping=(0, beta))
+
+
+def squeezed(
+    body: SoftBody, height: float, strain: float, contact: Contact, option: str = "", timestep: float = 0.002
+) -> tuple[float, float]:
+    """What a plate bears that squeezes a body on a plane [N], and how fast that moves at the end [m/s]."""
+    scene = f"""<mujoco><option {option}/><worldbody><geom type="plane" size="1 1 .1" pos="0 0 {-height / 2}"/>
+      <body name="plate" mocap="true" pos="0 0 1"><geom type="box" size=".1 .1 .02"/></body></worldbody></mujoco>"""
+    model, data = compiled(scene, (body, (0, 0, 0), UPRIGHT), contact=contact, timestep=timestep)
+    fastest, steps = 0.0, round(1.5 / timestep)
+    for step in range(steps):
+        data.mocap_pos[0, 2] = height / 2 + 0.02 - strain * height * min(1, step * timestep / 0.4)
+        mujoco.mj_step(model, data)
+        if step > 0.8 * steps:
+            fastest = max(fastest, float(np.abs(data.qvel).max()))
+    mujoco.mj_forward(model, data)
+    carried = soft(model, data, "soft0").patch_forces[:, 2]
+    return -float(carried[carried < 0].sum()), fastest
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("frames", [1, 5])
+def test_a_light_pad_is_as_firm_as_its_flesh(frames: int, cone: str) -> None:
+    """MuJoCo's spring of a contact goes with the mass: alone it bears a tenth of this."""
+    body = pad(PAD, frames, 1000, 0.002)
+    wanted = squeezed(body, PAD[2], 0.05, STIFF, timestep=0.0005)[0]
+    assert 0.7 < squeezed(body, PAD[2], 0.05, Contact(), f'cone="{cone}"')[0] / wanted < 1
+
+
+def test_the_firmness_hardly_depends_on_the_mass() -> None:
+    """At steps that resolve it: a foam of 7 g and a rubber of 72 g."""
+    push = [
+        squeezed(pad(WIDE, 1, density, 0.002), WIDE[2], 0.05, Contact(), timestep=0.0005)[0] for density in (100, 1000)
+    ]
+    assert push[0] == pytest.approx(push[1], rel=0.1)
+
+
+def test_a_contact_that_is_to_be_soft_is() -> None:
+    push = [
+        squeezed(pad(PAD, 1, 1000, 0.002), PAD[2], 0.05, Contact(solref=solref, priority=1))[0]
+        for solref in ((0.01, 1), (0.05, 1), (0.01, 0.5))
+    ]
+    assert max(push[1:]) < 0.7 * push[0]
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("gravity", [0, 9.81])
+@pytest.mark.parametrize("frames", [5, 8])
+def test_what_is_squeezed_without_damping_comes_to_rest(frames: int, gravity: float, cone: str) -> None:
+    """It shook at 0.1 to 0.5 m/s where contacts went to corners over heights that do not grow with their depth."""
+    option = f'cone="{cone}" gravity="0 0 {-gravity}"'
+    assert squeezed(pad(WIDE, frames, 1000), WIDE[2], 0.05, Contact(), option)[1] < 1e-3
