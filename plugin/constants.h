@@ -147,6 +147,17 @@ inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact
 inline constexpr double kOpposed = 0.5;
 inline constexpr double kOutward = 0.5;     // [-] cosine to the surface's normal above which a contact pushes outwards
 inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
+// Round sides of soft bodies (round_side.h)
+inline constexpr double kRoundReach = 5;     // [-] ρ over the vertices' spacing: with 3 a ball hops twice as high
+inline constexpr double kRoundTie = 0.01;    // [ρ] more than what the places that two patches find differ by
+inline constexpr double kRoundStays = 1e-4;  // [ρ] the place has been found
+inline constexpr int kRoundSamples = 512;    // vertices around it; some hundred are usual
+inline constexpr double kRoundEven = 0.02;   // [1/ρ] a smaller curvature is none
+inline constexpr int kRoundVertices = 8;     // of a cluster at least: a quadric has six terms
+inline constexpr double kRoundFacing = 0.5;  // [-] length of the mean of its unit normals
+// [1/reach] curvatures: less is flat, or hollow; more is an edge.
+inline constexpr double kLeastRound = 0.02, kMostRound = 0.5;
+inline constexpr double kRough = 0.1;  // [reach] off a paraboloid; voxels of a ball are by half of it
 // Over the surface to where a distance is least (surface_point.h, round_touch.h)
 inline constexpr int kRoundSteps = 16;      // five or six are usual
 inline constexpr double kRoundStride = 2;   // [cubes] the longest

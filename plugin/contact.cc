@@ -9,6 +9,7 @@
 #include "linear.h"
 #include "patch_field.h"
 #include "requirements.h"
+#include "round_side.h"
 #include "tendon.h"
 #include "touch.h"
 #include "world.h"
@@ -283,7 +284,12 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
     }
     WriteContact(m, d, contact, side, scratch,
                  [&](int s, double* weight) { AddTouchWeights(side, *touch, search.scratch(), s, weight); });
-    if (dents) dents[c] = TouchDents(side, *touch);
+    if (dents) {
+      dents[c] = TouchDents(side, *touch);
+      const int s = side[1].body ? 1 : 0, geom = contact.geom[1 - s];
+      const PatchVolume& volume = side[s].body->contact().model().patches[side[s].patch].volume;
+      if (geom >= 0) dents[c].lift = RollingLift(side[s].body->kinematics(), volume, d, *touch, m->geom_bodyid[geom]);
+    }
     if (lies) lies[c] = touch->lies;
   }
   if (dents) Squeeze(m, d, dents, &scratch->last);

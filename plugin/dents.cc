@@ -22,6 +22,7 @@ struct Pressed {
   double k;                // of the contact's own spring [1/s²]
   double spring;           // k imp / R of it [N/m]
   double gap;              // δ [m]
+  double lift;             // of what rolls over it [m/s²]
   double rate;             // of what the normal row measures, where rows of friction share its damping [m/s]
 };
 
@@ -116,7 +117,7 @@ bool Press(const mjModel* m, mjData* d, const ContactDents& dents, int number, P
   const int row = contact.efc_address;
   if (row < 0 || !(dents.flesh > 0)) return false;
   const auto [rows, k, spring] = MakeFirm(m, d, contact, dents.flesh);
-  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], 0};
+  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], dents.lift, 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);
@@ -165,6 +166,7 @@ void SetSpring(mjData* d, const Pressed& pressed, double f, double left) {
     const double rate = std::sqrt(imp * pull / pressed.gap), most = rate * pressed.gap;
     pull += std::max(0.0, b - 2 * rate) * std::clamp(pressed.rate, -most, most) / imp;
   }
+  pull += pressed.lift / imp;
   for (int r = 0; r < pressed.rows; r++) d->efc_KBIP[4 * (pressed.row + r)] = pull / pressed.gap;
 }
 

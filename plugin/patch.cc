@@ -6,6 +6,7 @@
 
 #include "constants.h"
 #include "kinematics.h"
+#include "quadric.h"
 
 namespace mjframes {
 namespace {
@@ -87,6 +88,29 @@ std::vector<Vec3> RestVertices(const Patch& patch, const Kinematics& kinematics)
     for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
   }
   return vertex;
+}
+
+// Whether these vertices are on something smooth and convex, such as a ball or the side of a cylinder: near a
+// paraboloid over their plane. out: about which way they face; shorter the less they agree.
+bool IsRound(const Vec3* vertex, int count, const Vec3& out, double reach) {
+  if (count < kRoundVertices || !(Norm(out) > kRoundFacing)) return false;
+  const Vec3 normal = (1 / Norm(out)) * out;
+  const Tangents tangent(normal);
+  Vec3 middle{};
+  for (int s = 0; s < count; s++) middle = middle + (1.0 / count) * vertex[s];
+  Quadric quadric;
+  const auto each = [&](const auto& visit) {
+    for (int s = 0; s < count; s++) {
+      const Vec3 offset = (1 / reach) * (vertex[s] - middle);
+      visit(Dot(offset, tangent.x), Dot(offset, tangent.y), -Dot(offset, normal));
+    }
+  };
+  each([&](double x, double y, double depth) { quadric.Add(x, y, depth, 1); });
+  if (!quadric.Fit()) return false;
+  double square = 0;
+  each([&](double x, double y, double depth) { square += std::pow(depth - quadric.At(x, y), 2) / count; });
+  const double most = quadric.Curvature(0);
+  return quadric.Curvature(1) > -kLeastRound && most > kLeastRound && most < kMostRound && square < kRough * kRough;
 }
 
 // From each place to the nearest other one, root mean square; `alone` where there is no other [m].
@@ -173,7 +197,7 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
 void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
   const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
   walk = Walk(own, contact.patches[number].cluster);
-  if (contact.makes_dents()) spacing = Spacing(own, contact.reach);
+  spacing = Spacing(own, contact.reach);
   const DistanceField& field = contact.field;
   int vertex = first_vertex;
   for (const int size : contact.patches[number].cluster) {
@@ -183,7 +207,10 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
       const Vec3 normal = field.Normal(vertex);
       mean = mean + (1 / std::max(mjMINVAL, Norm(normal) * size)) * normal;
     }
-    facing.push_back(Norm(mean) > kFlatSide ? mean : Vec3{});
+    const bool flat = Norm(mean) > kFlatSide;
+    facing.push_back(flat ? mean : Vec3{});
+    const Vec3* first = own.data() + (vertex - size - first_vertex);
+    round.push_back(!flat && IsRound(first, size, Mul(ToMat3(field.axes.data()), mean), contact.reach));
   }
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;
@@ -206,16 +233,20 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
   for (const double far : nearest) spread = std::max(spread, far < mjMAXVAL ? far : 0);
 }
 
-PatchPose PatchVolume::Pose(const DistanceField& field, const Vec3* positions) const {
-  AlignedBox box = {{}, {}};
+Mat3 PatchVolume::SlopeOf(const Vec3* x) const {
   Mat3 B{};
   for (size_t a = 0; a < point.size(); a++) {
-    const Vec3& x = positions[point[a]];
     for (int i = 0; i < 3; i++) {
-      box.centre[i] += mean[a] * x[i];
-      for (int c = 0; c < 3; c++) B[3 * i + c] += x[i] * slope[a][c];
+      for (int c = 0; c < 3; c++) B[3 * i + c] += x[point[a]][i] * slope[a][c];
     }
   }
+  return B;
+}
+
+PatchPose PatchVolume::Pose(const DistanceField& field, const Vec3* positions) const {
+  AlignedBox box = {{}, {}};
+  const Mat3 B = SlopeOf(positions);
+  for (size_t a = 0; a < point.size(); a++) box.centre = box.centre + mean[a] * positions[point[a]];
   Vec3 bend{};
   for (size_t a = 0; a < point.size(); a++) {
     const Vec3& x = positions[point[a]];

@@ -67,6 +67,9 @@ struct PatchVolume {
   // How far apart its vertices are, which are neighbours, and whether it has material between them.
   void SetCover(const ContactModel& contact, const Kinematics& kinematics, int patch);
 
+  // Σ_j x_j g_jᵀ, of positions or velocities of the control points.
+  Mat3 SlopeOf(const Vec3* x) const;
+
   // Whether rows have all control points that move a cube.
   bool IsWhole(const int* nodes) const {
     for (int corner = 0; corner < 8; corner++) {
@@ -94,10 +97,11 @@ struct PatchVolume {
   // Of each cluster, the mean of its vertices' unit normals, along the lattice's axes; 0 where it is not flat. Empty
   // without a lattice.
   std::vector<Vec3> facing;
+  std::vector<uint8_t> round;  // of each cluster, whether it is smooth and convex and not flat; empty without a lattice
   // At rest [m]: no place of its surface is farther from the nearest of its vertices (0 without a lattice), and if it
   // is not solid, none of these from the nearest other one of the body; that is the reach at least.
   double cover = 0, spread = 0;
-  // From each vertex to the nearest other one of the patch, at rest; root mean square [m]. Where contacts make dents.
+  // From each vertex to the nearest other one of the patch, at rest; root mean square [m].
   double spacing = 0;
 };
 

@@ -92,14 +92,18 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   if (!(distance < margin)) return false;
   const Vec3 place = point.position + 0.5 * distance * normal;
   *out = {distance, place, place, normal, -1, 0, 0, 0, 0, point.xi};
-  if (soft.deformed.patch().dent.empty() || !(distance < 0)) return true;
-  const double widest = std::min(radius, kWidest * volume.spacing);
+  if (soft.deformed.patch().dent.empty()) return true;
   const double curvature = std::max(0.0, CurvatureOf(query, tip, -1 * normal, kRoundStep * radius) +
                                              CurvatureOf(soft, point, kRoundFit * volume.spacing));
-  const double square = std::min(widest * widest, -distance / std::max(curvature, mjMINVAL));
-  out->distance += curvature * square / 5;
-  out->variance = static_cast<float>(kRoundPressure * square);
+  SpreadPressure(curvature, std::min(radius, kWidest * volume.spacing), out);
   return true;
+}
+
+void SpreadPressure(double curvature, double widest, Touch* touch) {
+  if (!(touch->distance < 0)) return;
+  const double square = std::min(widest * widest, -touch->distance / std::max(curvature, mjMINVAL));
+  touch->distance += curvature * square / 5;
+  touch->variance = static_cast<float>(kRoundPressure * square);
 }
 
 }  // namespace mjframes

@@ -30,6 +30,10 @@ inline bool IsRound(int type) { return type == mjGEOM_SPHERE || type == mjGEOM_E
 bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& query, const Placed& soft, double margin,
                 Touch* out);
 
+// Makes a touch of the deepest place, where the geom is farther beside it by κ r²/2, one of the pressure around it.
+// widest: radius of that at most [m].
+void SpreadPressure(double curvature, double widest, Touch* touch);
+
 }  // namespace mjframes
 
 #endif  // MJFRAMES_PLUGIN_ROUND_TOUCH_H_

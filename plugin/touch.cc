@@ -9,6 +9,7 @@
 #include "geom_distance.h"
 #include "meetings.h"
 #include "placed.h"
+#include "round_side.h"
 #include "round_touch.h"
 #include "simd.h"
 #include "soft_body.h"
@@ -141,8 +142,9 @@ Vec3 FacingNow(SurfaceState* state, int patch, int begin) {
   return MulT(state->Pose(patch).slope, Facing(state->Deformed(patch).patch(), begin));
 }
 
-// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom.
-int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double width, double margin,
+// The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. rolls:
+// whether round ones touch at one place.
+int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls, double width, double margin,
                 TouchScratch* scratch, Touch* out) {
   const double reach = soft.deformed.contact().reach;
   if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin) return 0;
@@ -151,9 +153,9 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double wid
   const double* vertices = soft.state->Vertices(soft.number);
   double* share = scratch->share[side];
   int end = 0, count = 0;
-  for (const int size : patch.cluster) {
+  for (size_t c = 0; c < patch.cluster.size(); c++) {
     const int begin = end;
-    end += size;
+    end += patch.cluster[c];
     other.Distances(vertices, n, begin, end, share);
     const Vec3 facing = FacingNow(soft.state, soft.number, begin);
     if (!patch.dent.empty() && Norm(facing) > 0) {
@@ -165,6 +167,21 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double wid
     const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
     Touch touch = {shared.distance, {}, {}, {}, side, begin, end, 0, 0, {}};
     double square = 0;
+    double share_of_depth = 1;
+    if (rolls && patch.volume.round[c]) {
+      if (!(shared.deepest < margin + patch.volume.cover * soft.pose.stretch)) continue;
+      Touch round;
+      const auto [own, wide] = RoundSide(other, soft, share, begin, end, &round);
+      if (round.distance < 0) round.distance *= 1 - wide * wide;
+      const auto is_same = [&](const Touch& one) {
+        return one.side < 0 && Norm(one.position - round.position) < reach;
+      };
+      const bool is_new = own && count < kMaxClusters && std::none_of(out, out + count, is_same);
+      if (is_new && wide < 1 && round.distance < margin) out[count++] = round;
+      // both are there where one fades into the other
+      if (wide == 0 || count == kMaxClusters) continue;
+      share_of_depth = wide * (2 - wide);
+    }
     if (!(shared.deepest < margin)) continue;
     for (int s = begin; s < end; s++) {
       if (share[s] == 0) continue;
@@ -177,6 +194,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, double wid
     if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
     MoveToCorner(patch, width, shared, Vertex(vertices, n, begin), share, &touch);
+    if (touch.distance < 0) touch.distance *= share_of_depth;
     if (touch.distance < margin) out[count++] = touch;
   }
   return count;
@@ -315,8 +333,9 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   const Placed soft = Place(contact, side[s].patch, d, room + shared + ball);
   int count = 0;
   if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
-    const int vertices = count = GeomTouches(soft, s, query, CornerWidth(m, shared), margin, scratch, out);
-    if (contact.model().has_volume && IsRound(m->geom_type[rigid])) {
+    const bool round = IsRound(m->geom_type[rigid]), rolls = contact.model().has_volume && !round;
+    const int vertices = count = GeomTouches(soft, s, query, rolls, CornerWidth(m, shared), margin, scratch, out);
+    if (contact.model().has_volume && round) {
       count += RoundTouch(m, d, rigid, query, soft, margin, out + count);
     } else if (contact.model().has_volume) {
       const double height = std::max(0.0, margin) + shared + ball;  // what is higher has no share in a contact
@@ -417,7 +436,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.centre, touch.variance, {}, {}, 0};
+  ContactDents dents = {touch.centre, touch.variance, {}, {}, 0, 0};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;

@@ -19,8 +19,8 @@ def test_dents_bring_a_coarse_ball_nearer_to_hertz(tmp_path: Path, monkeypatch: 
     shown = picture(tmp_path / "hertz.png")
     assert min(share(shown, color) for color in hertz.COLORS) > 3e-4
     without, with_dents = found.ratio
-    assert (without > 1.5).all()
-    assert (with_dents < 0.8 * without).all()
+    assert (without > 1.4).all()
+    assert (abs(with_dents - 1) < 0.8 * abs(without - 1)).all()
 
 
 @pytest.mark.slow
@@ -30,8 +30,8 @@ def test_the_force_of_a_pressed_ball_comes_near_to_that_of_hertz(tmp_path: Path)
     assert min(share(shown, color) for color in hertz.COLORS) > 3e-4
     without, with_dents = found.ratio
     assert without[0, -1] > 1.5  # 5 frames are too few for the dent
-    assert without[1:, -1] == pytest.approx(1.2, abs=0.1)  # what is left of it from ten on
+    assert without[1:, -1] == pytest.approx(1.05, abs=0.1)  # what is left of it from ten on
     assert (without > 1).all()
-    assert found.exponent[0, -1] == pytest.approx(1.46, abs=0.06)  # 1.5 where the area grows without a step
-    assert with_dents == pytest.approx(1.05, abs=0.15)
+    assert found.exponent[1] == pytest.approx(1.25, abs=0.08)  # 1.5 if all of the pressed circle were frames or dents
+    assert with_dents == pytest.approx(1.05, abs=0.19)
     assert (with_dents < without).all()

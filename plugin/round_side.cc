@@ -1,0 +1,125 @@
+#include "round_side.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "constants.h"
+#include "linear.h"
+#include "quadric.h"
+#include "round_touch.h"
+#include "vertices.h"
+
+namespace mjframes {
+namespace {
+
+struct Sample {
+  Vec3 place;
+  double distance;  // of the geom [m]
+  bool own;         // whether it is a vertex of the patch
+};
+
+// The vertices of the body within 2 ρ of a place.
+struct Samples {
+  Samples(const GeomQuery& query, const Placed& soft, const Vec3& place, double rho) {
+    const std::vector<Patch>& patches = soft.deformed.contact().patches;
+    for (int k = 0; k < static_cast<int>(patches.size()); k++) {
+      const AlignedBox& box = soft.state->VertexBox(k);
+      Vec3 off;
+      for (int i = 0; i < 3; i++) off[i] = std::max(0.0, std::abs(place[i] - box.centre[i]) - box.half[i]);
+      if (Dot(off, off) > 4 * rho * rho) continue;
+      const double* vertices = soft.state->Vertices(k);
+      for (int s = 0, n = patches[k].vertices; s < n && count < kRoundSamples; s++) {
+        const Vec3 p = Vertex(vertices, n, s), offset = p - place;
+        if (Dot(offset, offset) < 4 * rho * rho) all[count++] = {p, query.Distance(p, nullptr), k == soft.number};
+      }
+    }
+  }
+
+  // Whether the nearest one to a place is the patch's, or nearly so.
+  bool AreOwn(const Vec3& place, double rho) const {
+    double nearest[2] = {mjMAXVAL, mjMAXVAL};
+    for (const Sample* one = all; one != all + count; one++) {
+      nearest[one->own] = std::min(nearest[one->own], Norm(one->place - place));
+    }
+    return nearest[1] < nearest[0] + kRoundTie * rho;
+  }
+
+  Sample all[kRoundSamples];
+  int count = 0;
+};
+
+// Of their distances, in units of ρ.
+Quadric FitAround(const Samples& samples, const Vec3& place, const Tangents& tangent, double rho) {
+  Quadric quadric;
+  for (const Sample* one = samples.all; one != samples.all + samples.count; one++) {
+    const Vec3 offset = (1 / rho) * (one->place - place);
+    const double left = 1 - Dot(offset, offset);
+    if (left > 0) quadric.Add(Dot(offset, tangent.x), Dot(offset, tangent.y), one->distance / rho, left * left);
+  }
+  return quadric;
+}
+
+}  // namespace
+
+RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const double* share, int begin, int end, Touch* out) {
+  const Patch& patch = soft.deformed.patch();
+  const double* vertices = soft.state->Vertices(soft.number);
+  *out = {0, {}, {}, {}, -1, 0, 0, 0, 0, {}};
+  Vec3 place{};
+  for (int s = begin; s < end; s++) {
+    if (share[s] == 0) continue;
+    place = place + share[s] * Vertex(vertices, patch.vertices, s);
+    out->xi = out->xi + share[s] * soft.deformed.VertexPoint(s);
+  }
+  const double rho = kRoundReach * patch.volume.spacing;
+  const Samples samples(query, soft, place, rho);
+  const Vec3 start = place;
+  double curvature = 0;
+  for (int i = 0; i < kRoundSteps && Norm(place - start) < rho; i++) {
+    const double distance = query.Distance(place, &out->normal);
+    const Tangents tangent(out->normal);
+    Quadric fit = FitAround(samples, place, tangent, rho);
+    if (!fit.Fit()) return {};
+    // along an axis without curvature it stays
+    const double angle = fit.Angle();
+    const Vec3 axis[2] = {std::cos(angle) * tangent.x + std::sin(angle) * tangent.y,
+                          std::cos(angle) * tangent.y - std::sin(angle) * tangent.x};
+    const double slope[2] = {std::cos(angle) * fit.c[1] + std::sin(angle) * fit.c[2],
+                             std::cos(angle) * fit.c[2] - std::sin(angle) * fit.c[1]};
+    Vec3 step{};
+    for (int a = 0; a < 2; a++) {
+      const double bent = fit.Curvature(a);
+      step = step - (slope[a] / (std::max(bent, 0.0) + kRoundEven)) * axis[a];
+      out->arc[a] = bent > kRoundEven ? std::sqrt(rho / bent) * axis[a] : Vec3{};
+    }
+    step = (1 / std::max(1.0, 2 * Norm(step))) * step;
+    out->distance = rho * fit.At(Dot(step, tangent.x), Dot(step, tangent.y));
+    curvature = std::max(0.0, 0.5 * (fit.Curvature(0) + fit.Curvature(1)) / rho);
+    place = place + rho * step + (out->distance - distance) * out->normal;
+    if (Norm(step) < kRoundStays) break;
+  }
+  RoundPlace found;
+  found.own = samples.AreOwn(place, rho);
+  out->normal = query.Normal(place);
+  out->position = out->centre = place - 0.5 * out->distance * out->normal;
+  const double widest = kWidest * patch.volume.spacing;
+  const double radius = std::sqrt(std::max(0.0, -out->distance) / std::max(curvature, mjMINVAL));
+  found.wide = std::clamp(radius / widest - 1, 0.0, 1.0);
+  if (!patch.dent.empty()) SpreadPressure(curvature, widest, out);
+  return found;
+}
+
+double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, const mjData* d, const Touch& touch,
+                   int body) {
+  if (!(Norm(touch.arc[0]) > 0)) return 0;
+  const Mat3 slope = volume.SlopeOf(kinematics.x().data()), rate = volume.SlopeOf(kinematics.v().data());
+  if (!(Det(slope) > mjMINVAL)) return 0;
+  const Vec3 normal = kinematics.ToLocal(d, touch.normal);
+  const Vec3 turned = Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(rate, normal)));  // −∂N/∂t of the material
+  const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
+  double lift = 0;
+  for (const Vec3& arc : touch.arc) lift += Dot(arc, turn) * Dot(arc, turn);
+  return lift;
+}
+
+}  // namespace mjframes
