@@ -108,13 +108,13 @@ double CornerWidth(const mjModel* m, double reach) {
 // Where flat lies on flat, any distribution of the force over a cluster holds it up: the contact goes to the corner,
 // the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
 // pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
-// where it is deeper by `width`, ½ and g = 0 where it is as deep, 0 where it is higher by `width`. corner: where that
-// is [m].
-void MoveToCorner(const Patch& patch, double width, const Shared& shared, const Vec3& corner, double* share,
-                  Touch* touch) {
+// where it is deeper by `width`, ½ and g = 0 where it is as deep, 0 where it is higher by `width`. That grows with the
+// depth, from `least` on. corner: where that is [m].
+void MoveToCorner(const Patch& patch, double least, double reach, const Shared& shared, const Vec3& corner,
+                  double* share, Touch* touch) {
   if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
   touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
-  width += kCornerPressed * std::max(0.0, -touch->distance);
+  const double width = std::min(kCornerMost * reach, least + kCornerPressed * std::max(0.0, -touch->distance));
   const double higher = shared.first - touch->distance;
   const double moved = std::clamp(0.5 * (width - higher) / width, 0.0, 1.0);
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;
@@ -193,7 +193,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
     if (!Settle(0, square, shared, &touch)) continue;
     if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
-    MoveToCorner(patch, width, shared, Vertex(vertices, n, begin), share, &touch);
+    MoveToCorner(patch, width, reach, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < 0) touch.distance *= share_of_depth;
     if (touch.distance < margin) out[count++] = touch;
   }
@@ -271,7 +271,7 @@ int VertexTouches(const mjModel* m, const SoftSide& own, int other_patch, const 
       const bool touches = shared.deepest < margin && Settle(0, square, shared, &touch);
       if (touches && !LiesAlong(FacingNow(own.body->contact().state(), own.patch, begin), touch.normal)) {
         const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
-        MoveToCorner(patch, width, shared, corner, share, &touch);
+        MoveToCorner(patch, width, reach, shared, corner, share, &touch);
         if (touch.distance < margin) out[count++] = touch;
       }
     }

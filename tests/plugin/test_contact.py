@@ -235,6 +235,7 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
             lies = min(1.0, 2 * float(bears.mean()))
             fall = 3 * np.linalg.norm(model.opt.gravity) * model.opt.timestep**2
             width = np.clip(fall, 0.02 * reach, 0.25 * reach) + 2 * max(0, -distance)
+            width = min(width, 0.25 * reach)
             higher = gap[0] - distance
             moved = np.clip((width - higher) / (2 * width), 0, 1)
             distance += width / 4 + (higher if higher < -width else -width * moved**2)
