@@ -90,7 +90,8 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const double* s
     for (int a = 0; a < 2; a++) {
       const double bent = fit.Curvature(a);
       step = step - (slope[a] / (std::max(bent, 0.0) + kRoundEven)) * axis[a];
-      out->arc[a] = bent > kRoundEven ? std::sqrt(rho / bent) * axis[a] : Vec3{};
+      const double arc = bent > kRoundEven ? std::sqrt(rho / bent) : 0;
+      for (int c = 0; c < 3; c++) out->arc[a][c] = static_cast<float>(arc * axis[a][c]);
     }
     step = (1 / std::max(1.0, 2 * Norm(step))) * step;
     out->distance = rho * fit.At(Dot(step, tangent.x), Dot(step, tangent.y));
@@ -111,15 +112,15 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const double* s
 
 double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, const mjData* d, const Touch& touch,
                    int body) {
-  if (!(Norm(touch.arc[0]) > 0)) return 0;
+  const auto arc = [&touch](int a) { return Vec3{touch.arc[a][0], touch.arc[a][1], touch.arc[a][2]}; };
+  if (!(Norm(arc(0)) > 0)) return 0;
   const Mat3 slope = volume.SlopeOf(kinematics.x().data()), rate = volume.SlopeOf(kinematics.v().data());
   if (!(Det(slope) > mjMINVAL)) return 0;
   const Vec3 normal = kinematics.ToLocal(d, touch.normal);
   const Vec3 turned = Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(rate, normal)));  // −∂N/∂t of the material
   const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
-  double lift = 0;
-  for (const Vec3& arc : touch.arc) lift += Dot(arc, turn) * Dot(arc, turn);
-  return lift;
+  const double first = Dot(arc(0), turn), second = Dot(arc(1), turn);
+  return first * first + second * second;
 }
 
 }  // namespace mjframes

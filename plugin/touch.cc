@@ -165,7 +165,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
       }
     }
     const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-    Touch touch = {shared.distance, {}, {}, {}, side, begin, end, 0, 0, {}};
+    Touch touch = {shared.distance, {}, {}, {}, side, static_cast<int16_t>(begin), static_cast<int16_t>(end), 0, 0, {}};
     double square = 0;
     double share_of_depth = 1;
     if (rolls && patch.volume.round[c]) {
@@ -260,7 +260,8 @@ int VertexTouches(const mjModel* m, const SoftSide& own, int other_patch, const 
     }
     if (near) {
       const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-      Touch touch = {shared.distance, {}, {}, {}, side, begin, end, 0, 0, {}};
+      Touch touch = {shared.distance,           {}, {}, {}, side, static_cast<int16_t>(begin),
+                     static_cast<int16_t>(end), 0,  0,  {}};
       double square = 0;
       for (int s = begin; s < end && shared.deepest < margin; s++) {
         if (share[s] == 0) continue;

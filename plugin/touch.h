@@ -13,6 +13,8 @@
 
 #include <mujoco/mujoco.h>
 
+#include <cstdint>
+
 #include "dents.h"
 #include "geom_features.h"
 #include "linear.h"
@@ -29,16 +31,17 @@ struct SoftSide {
 };
 
 struct Touch {
-  double distance;   // [m], negative inside
-  Vec3 position;     // half way between the surfaces [m]
-  Vec3 centre;       // of the pressure; the position may be at a corner [m]
-  Vec3 normal;       // from the first geom to the second
-  int side;          // of the vertices that touch, or −1 where features or round geoms do
-  int begin, end;    // those vertices
-  float lies;        // whether it lies flat on the other: 1 if most of a flat cluster touches, else 0
-  float variance;    // of what touches around the position, along one direction of the surface [m²]
-  Vec3 xi;           // material point near the feature
-  Vec3 arc[2] = {};  // of a round side: its principal directions, each times the root of its radius [√m]
+  double distance;     // [m], negative inside
+  Vec3 position;       // half way between the surfaces [m]
+  Vec3 centre;         // of the pressure; the position may be at a corner [m]
+  Vec3 normal;         // from the first geom to the second
+  int side;            // of the vertices that touch, or −1 where features or round geoms do
+  int16_t begin, end;  // those vertices
+  float lies;          // whether it lies flat on the other: 1 if most of a flat cluster touches, else 0
+  float variance;      // of what touches around the position, along one direction of the surface [m²]
+  Vec3 xi;             // material point near the feature
+  // Of a round side: its principal directions, each times the root of its radius [√m]; kept with each geom, so short.
+  float arc[2][3] = {};
 };
 
 inline constexpr int kMaxTouches =
