@@ -14,9 +14,9 @@
 // where δ' is how deep something presses on the other side: fingers that pinch a sheet do not meet in it. Where
 // contacts press the share φ of its section, the frames show more of it: of β² is left 1 − φ².
 //
-// The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. MuJoCo's own
-// spring of a contact (firmness.h), of stiffness k imp / R, is in series with the dents. The forces that keep the gaps
-// δ open are those of
+// The kernel's Fourier transform is positive, so C is positive semidefinite whatever the body's shape is. The
+// spring of a contact itself (firmness.h), of stiffness k imp / R, is in series with the dents. The forces that keep
+// the gaps δ open are those of
 //
 //   0 ≤ f ⟂ (C + diag(R / (k imp))) f − δ ≥ 0
 //

@@ -29,9 +29,11 @@ Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double 
   const double h = m->opt.timestep, moved = inertia * (1 - imp) / imp, rate = (1 / std::sqrt(1 - imp) - 1) / h;
   const double asked = kFirmer / flesh * std::min(1.0, kUsualPeriod * kUsualPeriod * k);
   const double K = std::min(asked, rate * rate * moved);
-  if (K <= own) return {rows, k, own};
-  const double b = std::max(2 * ratio * std::sqrt(k), (h * K + 2 * std::sqrt(K * moved)) / inertia);
+  // MuJoCo's b where K is its own: the stage before may have set another
+  const double implicit = K > own ? (h * K + 2 * std::sqrt(K * moved)) / inertia : 0;
+  const double b = std::max(2 * ratio * std::sqrt(k), implicit);
   for (int r = row; r < row + RowCount(m, contact); r++) d->efc_KBIP[4 * r + 1] = b;
+  if (K <= own) return {rows, k, own};
   return {rows, K / (inertia * imp), K};
 }
 

@@ -92,7 +92,7 @@ std::vector<Vec3> RestVertices(const Patch& patch, const Kinematics& kinematics)
 
 // Whether these vertices are on something smooth and convex, such as a ball or the side of a cylinder: near a
 // paraboloid over their plane. out: about which way they face; shorter the less they agree.
-bool IsRound(const Vec3* vertex, int count, const Vec3& out, double reach) {
+bool IsRounded(const Vec3* vertex, int count, const Vec3& out, double reach) {
   if (count < kRoundVertices || !(Norm(out) > kRoundFacing)) return false;
   const Vec3 normal = (1 / Norm(out)) * out;
   const Tangents tangent(normal);
@@ -210,7 +210,7 @@ void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinema
     const bool flat = Norm(mean) > kFlatSide;
     facing.push_back(flat ? mean : Vec3{});
     const Vec3* first = own.data() + (vertex - size - first_vertex);
-    round.push_back(!flat && IsRound(first, size, Mul(ToMat3(field.axes.data()), mean), contact.reach));
+    round.push_back(!flat && IsRounded(first, size, Mul(ToMat3(field.axes.data()), mean), contact.reach));
   }
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;

@@ -6,6 +6,7 @@
 #include "constants.h"
 #include "deformed.h"
 #include "linear.h"
+#include "quadric.h"
 #include "surface_point.h"
 #include "vertices.h"
 
@@ -36,9 +37,9 @@ Vec3 Farthest(const mjModel* m, const mjData* d, int geom, const Vec3& direction
 
 // Of the geom at p on its surface, where n is its normal: half of what n turns by along the surface [1/m].
 double CurvatureOf(const GeomQuery& geom, const Vec3& p, const Vec3& n, double step) {
-  const Vec3 one = Cross(n, std::abs(n[0]) < 0.5 ? Vec3{1, 0, 0} : Vec3{0, 1, 0});
+  const Tangents tangent(n);
   double sum = 0;
-  for (const Vec3& along : {(1 / Norm(one)) * one, (1 / Norm(one)) * Cross(n, one)}) {
+  for (const Vec3& along : {tangent.x, tangent.y}) {
     sum += Dot(along, geom.Normal(p + step * along) - geom.Normal(p - step * along)) / (2 * step);
   }
   return 0.5 * sum;
@@ -92,7 +93,7 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   if (!(distance < margin)) return false;
   const Vec3 place = point.position + 0.5 * distance * normal;
   *out = {distance, place, place, normal, -1, 0, 0, 0, 0, point.xi};
-  if (soft.deformed.patch().dent.empty()) return true;
+  if (soft.deformed.patch().dent.empty() || !(distance < 0)) return true;
   const double curvature = std::max(0.0, CurvatureOf(query, tip, -1 * normal, kRoundStep * radius) +
                                              CurvatureOf(soft, point, kRoundFit * volume.spacing));
   SpreadPressure(curvature, std::min(radius, kWidest * volume.spacing), out);

@@ -79,6 +79,11 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
   return {mean / total, deepest, first, total, dents && higher > depth ? depth / higher : 1};
 }
 
+// A touch of a cluster that is not settled yet.
+Touch OfCluster(double distance, int side, int begin, int end) {
+  return {distance, {}, {}, {}, side, static_cast<int16_t>(begin), static_cast<int16_t>(end), 0, 0, {}};
+}
+
 // Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
 // places, by share. False where opposite normals cancel, as where a thin geom is between the vertices: no direction, no
 // contact.
@@ -142,6 +147,20 @@ Vec3 FacingNow(SurfaceState* state, int patch, int begin) {
   return MulT(state->Pose(patch).slope, Facing(state->Deformed(patch).patch(), begin));
 }
 
+// Adds the contact of a round cluster's side, if it is this patch's and not there yet. Returns which share of the depth
+// is left to the cluster's own: both are there where one fades into the other.
+double AddRoundSide(const Placed& soft, const GeomQuery& other, const double* share, int begin, int end, double margin,
+                    Touch* out, int* count) {
+  Touch round;
+  const auto [own, wide] = RoundSide(other, soft, share, begin, end, &round);
+  if (round.distance < 0) round.distance *= 1 - wide * wide;
+  const double reach = soft.deformed.contact().reach;
+  const auto is_same = [&](const Touch& one) { return one.side < 0 && Norm(one.position - round.position) < reach; };
+  const bool is_new = own && *count < kMaxClusters && std::none_of(out, out + *count, is_same);
+  if (is_new && wide < 1 && round.distance < margin) out[(*count)++] = round;
+  return *count < kMaxClusters ? wide * (2 - wide) : 0;
+}
+
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. rolls:
 // whether round ones touch at one place.
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls, double width, double margin,
@@ -165,22 +184,13 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
       }
     }
     const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-    Touch touch = {shared.distance, {}, {}, {}, side, static_cast<int16_t>(begin), static_cast<int16_t>(end), 0, 0, {}};
+    Touch touch = OfCluster(shared.distance, side, begin, end);
     double square = 0;
-    double share_of_depth = 1;
+    double left = 1;  // of the depth, for the cluster's own contact
     if (rolls && patch.volume.round[c]) {
       if (!(shared.deepest < margin + patch.volume.cover * soft.pose.stretch)) continue;
-      Touch round;
-      const auto [own, wide] = RoundSide(other, soft, share, begin, end, &round);
-      if (round.distance < 0) round.distance *= 1 - wide * wide;
-      const auto is_same = [&](const Touch& one) {
-        return one.side < 0 && Norm(one.position - round.position) < reach;
-      };
-      const bool is_new = own && count < kMaxClusters && std::none_of(out, out + count, is_same);
-      if (is_new && wide < 1 && round.distance < margin) out[count++] = round;
-      // both are there where one fades into the other
-      if (wide == 0 || count == kMaxClusters) continue;
-      share_of_depth = wide * (2 - wide);
+      left = AddRoundSide(soft, other, share, begin, end, margin, out, &count);
+      if (left == 0) continue;
     }
     if (!(shared.deepest < margin)) continue;
     for (int s = begin; s < end; s++) {
@@ -194,7 +204,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
     if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
     MoveToCorner(patch, width, reach, shared, Vertex(vertices, n, begin), share, &touch);
-    if (touch.distance < 0) touch.distance *= share_of_depth;
+    if (touch.distance < 0) touch.distance *= left;
     if (touch.distance < margin) out[count++] = touch;
   }
   return count;
@@ -260,8 +270,7 @@ int VertexTouches(const mjModel* m, const SoftSide& own, int other_patch, const 
     }
     if (near) {
       const Shared shared = ShareOut(share, begin, end, reach, !patch.dent.empty());
-      Touch touch = {shared.distance,           {}, {}, {}, side, static_cast<int16_t>(begin),
-                     static_cast<int16_t>(end), 0,  0,  {}};
+      Touch touch = OfCluster(shared.distance, side, begin, end);
       double square = 0;
       for (int s = begin; s < end && shared.deepest < margin; s++) {
         if (share[s] == 0) continue;

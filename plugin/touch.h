@@ -35,7 +35,7 @@ struct Touch {
   Vec3 position;       // half way between the surfaces [m]
   Vec3 centre;         // of the pressure; the position may be at a corner [m]
   Vec3 normal;         // from the first geom to the second
-  int side;            // of the vertices that touch, or −1 where features or round geoms do
+  int side;            // of the vertices that touch, or −1 where features, round geoms or round sides do
   int16_t begin, end;  // those vertices
   float lies;          // whether it lies flat on the other: 1 if most of a flat cluster touches, else 0
   float variance;      // of what touches around the position, along one direction of the surface [m²]
