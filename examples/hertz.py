@@ -109,7 +109,7 @@ def run(out: Path) -> Pressed:
     right.set(xlabel="frames", ylabel="force / Hertz's", ylim=(0, None))
     right.set_xticks(FRAMES, map(str, FRAMES))
     right.minorticks_off()
-    right.legend(title="approach", loc="upper right")
+    right.legend(title="approach", loc="lower center", ncols=2)
     figure.savefig(out / "hertz.png", dpi=110)
     return pressed
 
