@@ -15,7 +15,7 @@ namespace {
 struct Sample {
   Vec3 place;
   double distance;  // of the geom [m]
-  bool own;         // whether it is a vertex of the patch
+  bool round, own;  // whether its cluster is round, and of the patch
 };
 
 // The vertices of the body within 2 ρ of a place.
@@ -28,20 +28,38 @@ struct Samples {
       for (int i = 0; i < 3; i++) off[i] = std::max(0.0, std::abs(place[i] - box.centre[i]) - box.half[i]);
       if (Dot(off, off) > 4 * rho * rho) continue;
       const double* vertices = soft.state->Vertices(k);
-      for (int s = 0, n = patches[k].vertices; s < n && count < kRoundSamples; s++) {
-        const Vec3 p = Vertex(vertices, n, s), offset = p - place;
-        if (Dot(offset, offset) < 4 * rho * rho) all[count++] = {p, query.Distance(p, nullptr), k == soft.number};
+      int s = 0;
+      for (size_t c = 0; c < patches[k].cluster.size(); c++) {
+        const bool round = patches[k].volume.round[c];
+        for (const int end = s + patches[k].cluster[c]; s < end; s++) {
+          const Vec3 p = Vertex(vertices, patches[k].vertices, s), offset = p - place;
+          if (count == kRoundSamples || !(Dot(offset, offset) < 4 * rho * rho)) continue;
+          all[count++] = {p, query.Distance(p, nullptr), round, round && k == soft.number};
+        }
       }
     }
   }
 
-  // Whether the nearest one to a place is the patch's, or nearly so.
+  // Whether the nearest round one to a place is the patch's, or nearly so.
   bool AreOwn(const Vec3& place, double rho) const {
     double nearest[2] = {mjMAXVAL, mjMAXVAL};
     for (const Sample* one = all; one != all + count; one++) {
-      nearest[one->own] = std::min(nearest[one->own], Norm(one->place - place));
+      if (one->round) nearest[one->own] = std::min(nearest[one->own], Norm(one->place - place));
     }
     return nearest[1] < nearest[0] + kRoundTie * rho;
+  }
+
+  // How much of what is around a place is round: 1 on its border, 0 some way beyond.
+  double Roundness(const Vec3& place, double rho) const {
+    double total = 0, round = 0;
+    for (const Sample* one = all; one != all + count; one++) {
+      const Vec3 offset = (1 / rho) * (one->place - place);
+      const double left = 1 - Dot(offset, offset);
+      if (!(left > 0)) continue;
+      total += left * left;
+      if (one->round) round += left * left;
+    }
+    return total > 0 ? std::min(1.0, 2 * round / total) : 0;
   }
 
   Sample all[kRoundSamples];
@@ -61,25 +79,20 @@ Quadric FitAround(const Samples& samples, const Vec3& place, const Tangents& tan
 
 }  // namespace
 
-RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const double* share, int begin, int end, Touch* out) {
+double RoundReach(const Patch& patch) { return kRoundReach * patch.volume.spacing; }
+
+RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& start, const Vec3& xi, Touch* out) {
   const Patch& patch = soft.deformed.patch();
-  const double* vertices = soft.state->Vertices(soft.number);
-  *out = {0, {}, {}, {}, -1, 0, 0, 0, 0, {}};
-  Vec3 place{};
-  for (int s = begin; s < end; s++) {
-    if (share[s] == 0) continue;
-    place = place + share[s] * Vertex(vertices, patch.vertices, s);
-    out->xi = out->xi + share[s] * soft.deformed.VertexPoint(s);
-  }
-  const double rho = kRoundReach * patch.volume.spacing;
-  const Samples samples(query, soft, place, rho);
-  const Vec3 start = place;
+  *out = {0, {}, {}, {}, -1, 0, 0, 0, 0, xi};
+  const double rho = RoundReach(patch);
+  const Samples samples(query, soft, start, rho);
+  Vec3 place = start;
   double curvature = 0;
   for (int i = 0; i < kRoundSteps && Norm(place - start) < rho; i++) {
     const double distance = query.Distance(place, &out->normal);
     const Tangents tangent(out->normal);
     Quadric fit = FitAround(samples, place, tangent, rho);
-    if (!fit.Fit()) return {};
+    if (!fit.Fit()) return {place};
     // along an axis without curvature it stays
     const double angle = fit.Angle();
     const Vec3 axis[2] = {std::cos(angle) * tangent.x + std::sin(angle) * tangent.y,
@@ -99,13 +112,13 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const double* s
     place = place + rho * step + (out->distance - distance) * out->normal;
     if (Norm(step) < kRoundStays) break;
   }
-  RoundPlace found;
+  RoundPlace found{place};
   found.own = samples.AreOwn(place, rho);
   out->normal = query.Normal(place);
   out->position = out->centre = place - 0.5 * out->distance * out->normal;
   const double widest = kWidest * patch.volume.spacing;
   const double radius = std::sqrt(std::max(0.0, -out->distance) / std::max(curvature, mjMINVAL));
-  found.wide = std::clamp(radius / widest - 1, 0.0, 1.0);
+  found.wide = std::max(std::clamp(radius / widest - 1, 0.0, 1.0), 1 - samples.Roundness(place, rho));
   if (!patch.dent.empty()) SpreadPressure(curvature, widest, out);
   return found;
 }

@@ -7,7 +7,7 @@
 //
 // and the place moves by −H⁻¹ g until it stays. Patches find the same place from the same vertices; the contact is that
 // of the patch with the nearest one, or of two patches midway. What is pressed over a circle of radius a = √(d/κ) that
-// is wider than some vertices touches with its clusters: the depth of the one has the share 1 − w², that of the others
+// is wider than some vertices touches with its clusters, and so does what goes over into sides that are not round: the depth of the one has the share 1 − w², that of the others
 // w (2 − w). The pressure is that of round geoms (round_touch.h) with κ = ½ tr H.
 //
 // The surface may roll over the place. Its distance stays, but its material moves on a cycloid, away from the geom with
@@ -29,13 +29,16 @@
 namespace mjframes {
 
 struct RoundPlace {
+  Vec3 place;        // on the surface [m]
   bool own = false;  // whether the contact is this patch's
   double wide = 1;   // w: from 0, where this one contact is enough, to 1, where clusters are to touch instead [-]
 };
 
-// Where the side touches the geom, with the normal out of that. share: of the vertices begin … end of the patch, around
-// which it is looked for.
-RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const double* share, int begin, int end, Touch* out);
+// ρ, how far around a place the quadric is fitted [m].
+double RoundReach(const Patch& patch);
+
+// Where the side touches the geom, with the normal out of that; it is looked for from a place on, which xi is at.
+RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& start, const Vec3& xi, Touch* out);
 
 // Ṅᵀ H⁻¹ Ṅ at such a touch [m/s²]; 0 at others. body: which has the geom.
 double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, const mjData* d, const Touch& touch,

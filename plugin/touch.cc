@@ -147,18 +147,39 @@ Vec3 FacingNow(SurfaceState* state, int patch, int begin) {
   return MulT(state->Pose(patch).slope, Facing(state->Deformed(patch).patch(), begin));
 }
 
+// The places that round sides of one patch have been found at.
+struct RoundPlaces {
+  RoundPlace all[kMaxClusters];
+  int count = 0;
+};
+
 // Adds the contact of a round cluster's side, if it is this patch's and not there yet. Returns which share of the depth
 // is left to the cluster's own: both are there where one fades into the other.
 double AddRoundSide(const Placed& soft, const GeomQuery& other, const double* share, int begin, int end, double margin,
-                    Touch* out, int* count) {
+                    RoundPlaces* found, Touch* out, int* count) {
+  const Patch& patch = soft.deformed.patch();
+  const double* vertices = soft.state->Vertices(soft.number);
+  const double reach = RoundReach(patch);
+  Vec3 start{}, xi{};
+  for (int s = begin; s < end; s++) {
+    if (share[s] == 0) continue;
+    start = start + share[s] * Vertex(vertices, patch.vertices, s);
+    xi = xi + share[s] * soft.deformed.VertexPoint(s);
+  }
+  double nearest = mjMAXVAL, here = mjMAXVAL, wide = 1;
+  for (const RoundPlace *one = found->all, *last = one + found->count; one != last; one++) {
+    if (Norm(start - one->place) < std::min(here, reach)) here = Norm(start - one->place), wide = one->wide;
+  }
+  if (here < reach) return wide * (2 - wide);
   Touch round;
-  const auto [own, wide] = RoundSide(other, soft, share, begin, end, &round);
-  if (round.distance < 0) round.distance *= 1 - wide * wide;
-  const double reach = soft.deformed.contact().reach;
-  const auto is_same = [&](const Touch& one) { return one.side < 0 && Norm(one.position - round.position) < reach; };
-  const bool is_new = own && *count < kMaxClusters && std::none_of(out, out + *count, is_same);
-  if (is_new && wide < 1 && round.distance < margin) out[(*count)++] = round;
-  return *count < kMaxClusters ? wide * (2 - wide) : 0;
+  const RoundPlace place = RoundSide(other, soft, start, xi, &round);
+  for (int i = 0; i < found->count; i++) nearest = std::min(nearest, Norm(place.place - found->all[i].place));
+  const double apart = std::clamp(2 * nearest / reach - 1, 0.0, 1.0);
+  found->all[found->count++] = place;
+  if (round.distance < 0) round.distance *= apart * (1 - place.wide * place.wide);
+  const bool is_new = place.own && apart > 0 && *count < kMaxClusters;
+  if (is_new && place.wide < 1 && round.distance < margin) out[(*count)++] = round;
+  return *count < kMaxClusters ? place.wide * (2 - place.wide) : 0;
 }
 
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. rolls:
@@ -171,6 +192,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
   const int n = patch.vertices;
   const double* vertices = soft.state->Vertices(soft.number);
   double* share = scratch->share[side];
+  RoundPlaces places;
   int end = 0, count = 0;
   for (size_t c = 0; c < patch.cluster.size(); c++) {
     const int begin = end;
@@ -189,7 +211,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
     double left = 1;  // of the depth, for the cluster's own contact
     if (rolls && patch.volume.round[c]) {
       if (!(shared.deepest < margin + patch.volume.cover * soft.pose.stretch)) continue;
-      left = AddRoundSide(soft, other, share, begin, end, margin, out, &count);
+      left = AddRoundSide(soft, other, share, begin, end, margin, &places, out, &count);
       if (left == 0) continue;
     }
     if (!(shared.deepest < margin)) continue;
