@@ -83,7 +83,7 @@ double RoundReach(const Patch& patch) { return kRoundReach * patch.volume.spacin
 
 RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& start, const Vec3& xi, Touch* out) {
   const Patch& patch = soft.deformed.patch();
-  *out = {0, {}, {}, {}, -1, 0, 0, 0, 0, xi};
+  *out = {0, {}, {}, -1, 0, 0, 0, 0, xi};
   const double rho = RoundReach(patch);
   const Samples samples(query, soft, start, rho);
   Vec3 place = start;
@@ -103,9 +103,9 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
     for (int a = 0; a < 2; a++) {
       const double bent = fit.Curvature(a);
       step = step - (slope[a] / (std::max(bent, 0.0) + kRoundEven)) * axis[a];
-      const double arc = bent > kRoundEven ? std::sqrt(rho / bent) : 0;
-      for (int c = 0; c < 3; c++) out->arc[a][c] = static_cast<float>(arc * axis[a][c]);
+      out->radius[a] = static_cast<float>(bent > kRoundEven ? rho / bent : 0);
     }
+    for (int c = 0; c < 3; c++) out->axis[c] = static_cast<float>(axis[0][c]);
     step = (1 / std::max(1.0, 2 * Norm(step))) * step;
     out->distance = rho * fit.At(Dot(step, tangent.x), Dot(step, tangent.y));
     curvature = std::max(0.0, 0.5 * (fit.Curvature(0) + fit.Curvature(1)) / rho);
@@ -115,7 +115,7 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   RoundPlace found{place};
   found.own = samples.AreOwn(place, rho);
   out->normal = query.Normal(place);
-  out->position = out->centre = place - 0.5 * out->distance * out->normal;
+  out->position = place - 0.5 * out->distance * out->normal;
   const double widest = kWidest * patch.volume.spacing;
   const double radius = std::sqrt(std::max(0.0, -out->distance) / std::max(curvature, mjMINVAL));
   found.wide = std::max(std::clamp(radius / widest - 1, 0.0, 1.0), 1 - samples.Roundness(place, rho));
@@ -125,15 +125,15 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
 
 double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, const mjData* d, const Touch& touch,
                    int body) {
-  const auto arc = [&touch](int a) { return Vec3{touch.arc[a][0], touch.arc[a][1], touch.arc[a][2]}; };
-  if (!(Norm(arc(0)) > 0)) return 0;
+  if (!(touch.radius[0] > 0 || touch.radius[1] > 0)) return 0;
   const Mat3 slope = volume.SlopeOf(kinematics.x().data()), rate = volume.SlopeOf(kinematics.v().data());
   if (!(Det(slope) > mjMINVAL)) return 0;
   const Vec3 normal = kinematics.ToLocal(d, touch.normal);
   const Vec3 turned = Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(rate, normal)));  // −∂N/∂t of the material
   const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
-  const double first = Dot(arc(0), turn), second = Dot(arc(1), turn);
-  return first * first + second * second;
+  const Vec3 axis = {touch.axis[0], touch.axis[1], touch.axis[2]};
+  const double along = Dot(axis, turn), across = Dot(Cross(touch.normal, axis), turn);
+  return touch.radius[0] * along * along + touch.radius[1] * across * across;
 }
 
 }  // namespace mjframes

@@ -92,7 +92,7 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   const double distance = Dot(normal, tip - point.position);
   if (!(distance < margin)) return false;
   const Vec3 place = point.position + 0.5 * distance * normal;
-  *out = {distance, place, place, normal, -1, 0, 0, 0, 0, point.xi};
+  *out = {distance, place, normal, -1, 0, 0, 0, 0, point.xi};
   if (soft.deformed.patch().dent.empty() || !(distance < 0)) return true;
   const double curvature = std::max(0.0, CurvatureOf(query, tip, -1 * normal, kRoundStep * radius) +
                                              CurvatureOf(soft, point, kRoundFit * volume.spacing));

@@ -81,7 +81,7 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
 
 // A touch of a cluster that is not settled yet.
 Touch OfCluster(double distance, int side, int begin, int end) {
-  return {distance, {}, {}, {}, side, static_cast<int16_t>(begin), static_cast<int16_t>(end), 0, 0, {}};
+  return {distance, {}, {}, static_cast<int16_t>(side), static_cast<int16_t>(begin), static_cast<int16_t>(end), 0, 0, {}};
 }
 
 // Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
@@ -94,7 +94,6 @@ bool Settle(double radius, double square, const Shared& shared, Touch* touch) {
   const double variance = std::max(0.0, 0.5 * (square - Dot(touch->position, touch->position)));
   touch->variance = static_cast<float>(shared.pressed * variance);
   touch->position = touch->position - (radius + 0.5 * touch->distance) * touch->normal;
-  touch->centre = touch->position;
   return true;
 }
 
@@ -123,7 +122,9 @@ void MoveToCorner(const Patch& patch, double least, double reach, const Shared& 
   const double higher = shared.first - touch->distance;
   const double moved = std::clamp(0.5 * (width - higher) / width, 0.0, 1.0);
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;
-  if (moved > 0) touch->position = (1 - moved) * touch->position + moved * place;
+  const Vec3 way = moved * (place - touch->position);
+  touch->position = touch->position + way;
+  for (int c = 0; c < 3; c++) touch->moved[c] = static_cast<float>(way[c]);
   touch->distance += 0.25 * width + (higher > -width ? -width * moved * moved : higher);
   for (int s = touch->begin; s < touch->end; s++) share[s] *= 1 - moved;
   share[touch->begin] += moved;
@@ -252,7 +253,7 @@ int FeatureTouches(const MetPoints& found, const Placed& soft, double radius, do
     if (size == 0) continue;
     const Shared shared = ShareOut(share, 0, size, reach, !soft.deformed.patch().dent.empty());
     if (!(shared.distance < margin)) continue;
-    Touch touch = {shared.distance, {}, {}, {}, -1, 0, 0, 0, 0, {}};
+    Touch touch = {shared.distance, {}, {}, -1, 0, 0, 0, 0, {}};
     double square = 0;
     for (int i = 0; i < size; i++) {
       touch.position = touch.position + share[i] * near[i]->place;
@@ -399,11 +400,11 @@ Dent FleshBelow(const Patch& patch, const double* vertices, const Touch& touch, 
     total += share;
   };
   for (int s = 0; s < n; s++) {
-    const Vec3 offset = Vertex(vertices, n, s) - touch.centre;
+    const Vec3 offset = Vertex(vertices, n, s) - touch.Centre();
     if (const double share = square - Dot(offset, offset); share > 0) add(s, share);
   }
   double far = mjMAXVAL;
-  if (total == 0) add(std::max(0, NearestVertex(vertices, n, touch.centre, &far)), 1);
+  if (total == 0) add(std::max(0, NearestVertex(vertices, n, touch.Centre(), &far)), 1);
   return {mean.width / total, mean.softness / total, mean.thickness / total, mean.section / total};
 }
 
@@ -468,7 +469,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.centre, touch.variance, {}, {}, 0, 0};
+  ContactDents dents = {touch.Centre(), touch.variance, {}, {}, 0, 0};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;

@@ -33,15 +33,18 @@ struct SoftSide {
 struct Touch {
   double distance;     // [m], negative inside
   Vec3 position;       // half way between the surfaces [m]
-  Vec3 centre;         // of the pressure; the position may be at a corner [m]
   Vec3 normal;         // from the first geom to the second
-  int side;            // of the vertices that touch, or −1 where features, round geoms or round sides do
+  int16_t side;        // of the vertices that touch, or −1 where features, round geoms or round sides do
   int16_t begin, end;  // those vertices
   float lies;          // whether it lies flat on the other: 1 if most of a flat cluster touches, else 0
   float variance;      // of what touches around the position, along one direction of the surface [m²]
   Vec3 xi;             // material point near the feature
-  // Of a round side: its principal directions, each times the root of its radius [√m]; kept with each geom, so short.
-  float arc[2][3] = {};
+  // These are kept with each geom, so they are short.
+  float moved[3] = {};   // from the centre of the pressure to a corner [m]
+  float axis[3] = {};    // of a round side: along one of its principal directions
+  float radius[2] = {};  // along that and across; 0 where it is even, and of what is no round side [m]
+
+  Vec3 Centre() const { return position - Vec3{moved[0], moved[1], moved[2]}; }
 };
 
 inline constexpr int kMaxTouches =
