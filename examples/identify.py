@@ -6,10 +6,10 @@ layers meet and at the top, and the record is how far they come. `mujoco.sysid` 
 factor of nine between the layers is off by half at first, and by a thousandth after three fits.
 Noise is added to the record. Three fits are made. In the first, the post that is poked has the voxels and frames of the
 post that is fitted: the moduli come out within 1 %, which says that the search works and nothing about real records. In
-the other two the record is of a post of 25,600 voxels and 40 frames. One of 400 voxels and 4 frames finds a modulus
-that is wrong by 25 %, one of 3,200 voxels and 5 frames one by 3 %. With 4, 6 and 8 frames that is at most 4 %, with 3,
-10, 14 and 20 frames 13 to 17 %: how far a body of few frames gives way where balls press depends on where its frames
-are. A real record adds errors of shape, law and contact to it.
+the other two the record is of a post of 25,600 voxels and 40 frames. One of 400 voxels and 4 frames finds moduli that
+are wrong by 1 %, one of 3,200 voxels and 5 frames by 4 %. That is luck: with 3 to 20 frames they are wrong by 2 to
+20 %, for how far a body of few frames gives way where balls press depends on where its frames are. A real record adds
+errors of shape, law and contact to it.
 Run `python examples/identify.py --out out`; it needs `pip install "mjframes[identify]"`.
 """
 

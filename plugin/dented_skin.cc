@@ -2,19 +2,41 @@
 // the forces f_j along the normals n_j of the contacts that are there (dents.h)
 //
 //   u(x) = −Σ_j c(|x − x_j|) f_j n_j,   n_j out of the flesh
+// What a geom would still cover then, no deeper than it touches, comes out of it by the shortest way: a few contacts
+// stand for a flat face, which is flush with the flesh below it.
 //
 // Python calls this function by its name (mjframes/app/dented.py); a step does not need it.
 
 #include <mujoco/mujoco.h>
 
 #include <algorithm>
+#include <cstddef>
+#include <map>
 #include <vector>
 
 #include "contact.h"
+#include "geom_distance.h"
 #include "linear.h"
 #include "patch_field.h"
+#include "soft_body.h"
 
 using namespace mjframes;
+
+namespace {
+
+constexpr double kCovered = 1.5;  // [-] of the depth of the deepest contact: vertices are deeper than its mean
+
+// deepest: distance of the deepest contact with that geom [m].
+void BringOut(const GeomQuery& query, double deepest, float* vertex, int count) {
+  for (float* p = vertex; p != vertex + 3 * static_cast<ptrdiff_t>(count); p += 3) {
+    Vec3 normal;
+    const double distance = query.Distance({p[0], p[1], p[2]}, &normal);
+    if (!(distance < 0 && distance > kCovered * deepest)) continue;
+    for (int a = 0; a < 3; a++) p[a] -= static_cast<float>(distance * normal[a]);
+  }
+}
+
+}  // namespace
 
 // Moves vertices (count × 3) of the skin of the soft body of this plugin instance [m]. Returns how many contacts dent
 // it.
@@ -29,6 +51,8 @@ extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjM
   std::vector<int> last(m->nplugin);
   Squeeze(m, d, all.data(), &last);
   int dented = 0;
+  const SoftBody* body = nullptr;
+  std::map<int, double> rigid;  // distance of the deepest contact with each geom
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
     const ContactDents& dents = all[c];
@@ -42,6 +66,11 @@ extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjM
       const Vec3 out = (s == 0 ? 1 : -1) * ToVec3(contact.frame);   // the normal points to the second geom
       const Vec3 centre = dents.centre - 0.5 * contact.dist * out;  // where the surface is without the dent
       dented++;
+      if (const int other = contact.geom[1 - s]; SoftInstanceOf(m, other) < 0) {
+        search.Find(c);
+        body = search.side()[s].body;
+        rigid[other] = std::min(rigid[other], contact.dist);
+      }
       for (int i = 0; i < count; i++) {
         float* p = vertex + 3 * i;
         const Vec3 offset = Vec3{p[0], p[1], p[2]} - centre;
@@ -49,6 +78,10 @@ extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjM
         for (int a = 0; a < 3; a++) p[a] -= static_cast<float>(dent * out[a]);
       }
     }
+  }
+  for (const auto& [geom, deepest] : rigid) {
+    const GeomQuery query(m, d, body->contact().meshes(), geom, 0);
+    if (query.valid) BringOut(query, deepest, vertex, count);
   }
   return dented;
 }

@@ -187,8 +187,7 @@ def test_two_moduli_are_identified_from_pokes(tmp_path: Path) -> None:
     found, coarse, fine = identify.run(tmp_path).values()
     shown = picture(tmp_path / "identify.png")
     assert min(share(shown, color) for color in ("C0", "C1")) > 3e-4  # two layers
-    assert 0.15 < coarse.error.max() < 0.35  # from the record of a finer post: what is resolved too coarsely is wrong
-    assert fine.error.max() < 0.06
+    assert max(coarse.error.max(), fine.error.max()) < 0.06  # from the record of a finer post
     np.testing.assert_allclose(found.young[0] / identify.TRUE, [3, 1 / 3])
     assert (found.error < 0.01).all()
     assert np.ptp(found.recorded, axis=0).min() > 0.005  # [m]: pokes that are felt
