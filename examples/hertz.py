@@ -1,8 +1,8 @@
 """A soft ball between two plates against Hertz: F = 4/3 E* √R δ^1.5, E* = E / (1 − ν²), δ the approach to one plate.
 
 The ball as a whole is as stiff as its finite elements, but frames cannot make the dent under a contact area of radius
-a = √(R δ) that is smaller than their distance: at δ = 8 mm the force is 1.3 to 1.8 times Hertz's with
-`mf.Contact(dents=False)`. By default the contact makes the dent, and the force is 0.9 to 1.3 times Hertz's.
+a = √(R δ) that is smaller than their distance: at δ = 8 mm the force is 1.2 to 1.7 times Hertz's with
+`mf.Contact(dents=False)`. By default the contact makes the dent, and the force is 0.8 to 1.2 times Hertz's.
 Run `python examples/hertz.py --out out`; it needs matplotlib (`pip install "mjframes[plot]"`).
 """
 

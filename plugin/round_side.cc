@@ -119,7 +119,7 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   const double widest = kWidest * patch.volume.spacing;
   const double radius = std::sqrt(std::max(0.0, -out->distance) / std::max(curvature, mjMINVAL));
   found.wide = std::max(std::clamp(radius / widest - 1, 0.0, 1.0), 1 - samples.Roundness(place, rho));
-  if (!patch.dent.empty()) SpreadPressure(curvature, widest, out);
+  SpreadPressure(curvature, widest, out);
   return found;
 }
 

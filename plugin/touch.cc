@@ -366,7 +366,9 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   const Placed soft = Place(contact, side[s].patch, d, room + shared + ball);
   int count = 0;
   if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
-    const bool round = IsRound(m->geom_type[rigid]), rolls = contact.model().has_volume && !round;
+    const bool round = IsRound(m->geom_type[rigid]);
+    // without dents one place would be as stiff as a point, and a ball between plates would turn to where it is softer
+    const bool rolls = contact.model().has_volume && !round && !soft.deformed.patch().dent.empty();
     const int vertices = count = GeomTouches(soft, s, query, rolls, CornerWidth(m, shared), margin, scratch, out);
     if (contact.model().has_volume && round) {
       count += RoundTouch(m, d, rigid, query, soft, margin, out + count);
