@@ -6,9 +6,11 @@
 //   f(u) ≈ h + g·u + ½ uᵀ H u,   with weights (1 − r²/ρ²)²
 //
 // and the place moves by −H⁻¹ g until it stays. Patches find the same place from the same vertices; the contact is that
-// of the patch with the nearest one, or of two patches midway. What is pressed over a circle of radius a = √(d/κ) that
-// is wider than some vertices touches with its clusters, and so does what goes over into sides that are not round: the depth of the one has the share 1 − w², that of the others
-// w (2 − w). The pressure is that of round geoms (round_touch.h) with κ = ½ tr H.
+// of the patch with the nearest round one, or of two patches midway. Two places nearer than ρ fade into one.
+//
+// Clusters touch instead where what is pressed, a circle of radius a = √(d/κ), is wider than some vertices, and where
+// the surface around is not round: the depth of the one contact has the share 1 − w², that of theirs w (2 − w). The
+// pressure is that of round geoms (round_touch.h) with κ = ½ tr H.
 //
 // The surface may roll over the place. Its distance stays, but its material moves on a cycloid, away from the geom with
 // ω² R on a ball. MuJoCo's rows take the acceleration of the material, J q̈, for that of the distance. So what they aim

@@ -81,7 +81,8 @@ Shared ShareOut(double* distance, int begin, int end, double reach, bool dents) 
 
 // A touch of a cluster that is not settled yet.
 Touch OfCluster(double distance, int side, int begin, int end) {
-  return {distance, {}, {}, static_cast<int16_t>(side), static_cast<int16_t>(begin), static_cast<int16_t>(end), 0, 0, {}};
+  return {distance, {}, {}, static_cast<int16_t>(side), static_cast<int16_t>(begin), static_cast<int16_t>(end),
+          0,        0,  {}};
 }
 
 // Makes a direction, a place and a variance of the sums over what touches, balls of this radius. square: of their
