@@ -199,8 +199,10 @@ inline constexpr double kHertz = 8;
 // [-] of the variance of points on a punch's edges: that of the pressure below it, (½ − 4/π²) a² for a quarter.
 inline constexpr double kEdgePressure = 0.5;
 inline constexpr double kEvenPressure = 12;  // [-] of an even pressure's variance: the area of a square of it
-inline constexpr int kDentSweeps = 4;        // there and back
-inline constexpr int kMostSoftened = 64;     // contacts of a group, of which the inverse of C is made
+// [-] of the depth of the deepest contact: vertices that a drawn geom covers are deeper than a cluster's mean.
+inline constexpr double kCovered = 1.5;
+inline constexpr int kDentSweeps = 4;     // there and back
+inline constexpr int kMostSoftened = 64;  // contacts of a group, of which the inverse of C is made
 // erf(x)/x is looked up, between 0 and where erf is 1 to 2e-8.
 inline constexpr int kErfPlaces = 128;
 inline constexpr double kErfStep = 1.0 / 32;

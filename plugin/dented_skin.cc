@@ -14,6 +14,7 @@
 #include <map>
 #include <vector>
 
+#include "constants.h"
 #include "contact.h"
 #include "geom_distance.h"
 #include "linear.h"
@@ -23,8 +24,6 @@
 using namespace mjframes;
 
 namespace {
-
-constexpr double kCovered = 1.5;  // [-] of the depth of the deepest contact: vertices are deeper than its mean
 
 // deepest: distance of the deepest contact with that geom [m].
 void BringOut(const GeomQuery& query, double deepest, float* vertex, int count) {
@@ -44,14 +43,18 @@ extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjM
                                                                        float* vertex, int count) {
   TouchSearch search(m, d);
   std::vector<ContactDents> all(d->ncon);
+  const SoftBody* body = nullptr;
   for (int c = 0; c < d->ncon; c++) {
     const bool touches = d->contact[c].efc_address >= 0 && search.Find(c) && search.touch();
-    if (touches) all[c] = TouchDents(search.side(), *search.touch());
+    if (!touches) continue;
+    all[c] = TouchDents(search.side(), *search.touch());
+    for (int s = 0; s < 2; s++) {
+      if (SoftInstanceOf(m, d->contact[c].geom[s]) == instance) body = search.side()[s].body;
+    }
   }
   std::vector<int> last(m->nplugin);
   Squeeze(m, d, all.data(), &last);
   int dented = 0;
-  const SoftBody* body = nullptr;
   std::map<int, double> rigid;  // distance of the deepest contact with each geom
   for (int c = 0; c < d->ncon; c++) {
     const mjContact& contact = d->contact[c];
@@ -67,8 +70,6 @@ extern "C" __attribute__((visibility("default"))) int MjframesDentSkin(const mjM
       const Vec3 centre = dents.centre - 0.5 * contact.dist * out;  // where the surface is without the dent
       dented++;
       if (const int other = contact.geom[1 - s]; SoftInstanceOf(m, other) < 0) {
-        search.Find(c);
-        body = search.side()[s].body;
         rigid[other] = std::min(rigid[other], contact.dist);
       }
       for (int i = 0; i < count; i++) {

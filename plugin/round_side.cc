@@ -49,16 +49,23 @@ struct Samples {
     return nearest[1] < nearest[0] + kRoundTie * rho;
   }
 
-  // How much of what is around a place is round: 1 on its border, 0 some way beyond.
-  double Roundness(const Vec3& place, double rho) const {
-    double total = 0, round = 0;
+  // visit(sample, its offset [ρ], its weight) for all within ρ of a place.
+  template <class Visit>
+  void Around(const Vec3& place, double rho, const Visit& visit) const {
     for (const Sample* one = all; one != all + count; one++) {
       const Vec3 offset = (1 / rho) * (one->place - place);
       const double left = 1 - Dot(offset, offset);
-      if (!(left > 0)) continue;
-      total += left * left;
-      if (one->round) round += left * left;
+      if (left > 0) visit(*one, offset, left * left);
     }
+  }
+
+  // How much of what is around a place is round: 1 on its border, 0 some way beyond.
+  double Roundness(const Vec3& place, double rho) const {
+    double total = 0, round = 0;
+    Around(place, rho, [&](const Sample& one, const Vec3&, double weight) {
+      total += weight;
+      if (one.round) round += weight;
+    });
     return total > 0 ? std::min(1.0, 2 * round / total) : 0;
   }
 
@@ -69,11 +76,9 @@ struct Samples {
 // Of their distances, in units of ρ.
 Quadric FitAround(const Samples& samples, const Vec3& place, const Tangents& tangent, double rho) {
   Quadric quadric;
-  for (const Sample* one = samples.all; one != samples.all + samples.count; one++) {
-    const Vec3 offset = (1 / rho) * (one->place - place);
-    const double left = 1 - Dot(offset, offset);
-    if (left > 0) quadric.Add(Dot(offset, tangent.x), Dot(offset, tangent.y), one->distance / rho, left * left);
-  }
+  samples.Around(place, rho, [&](const Sample& one, const Vec3& offset, double weight) {
+    quadric.Add(Dot(offset, tangent.x), Dot(offset, tangent.y), one.distance / rho, weight);
+  });
   return quadric;
 }
 

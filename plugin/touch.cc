@@ -153,6 +153,15 @@ Vec3 FacingNow(SurfaceState* state, int patch, int begin) {
 struct RoundPlaces {
   RoundPlace all[kMaxClusters];
   int count = 0;
+
+  // The one that is nearest to a place; null if there is none.
+  const RoundPlace* NearestTo(const Vec3& place) const {
+    const RoundPlace* nearest = nullptr;
+    for (const RoundPlace* one = all; one != all + count; one++) {
+      if (!nearest || Norm(one->place - place) < Norm(nearest->place - place)) nearest = one;
+    }
+    return nearest;
+  }
 };
 
 // Adds the contact of a round cluster's side, if it is this patch's and not there yet. Returns which share of the depth
@@ -161,27 +170,24 @@ double AddRoundSide(const Placed& soft, const GeomQuery& other, const double* sh
                     RoundPlaces* found, Touch* out, int* count) {
   const Patch& patch = soft.deformed.patch();
   const double* vertices = soft.state->Vertices(soft.number);
-  const double reach = RoundReach(patch);
+  const double rho = RoundReach(patch);
+  const auto left = [](const RoundPlace& one) { return one.wide * (2 - one.wide); };
   Vec3 start{}, xi{};
   for (int s = begin; s < end; s++) {
     if (share[s] == 0) continue;
     start = start + share[s] * Vertex(vertices, patch.vertices, s);
     xi = xi + share[s] * soft.deformed.VertexPoint(s);
   }
-  double nearest = mjMAXVAL, here = mjMAXVAL, wide = 1;
-  for (const RoundPlace *one = found->all, *last = one + found->count; one != last; one++) {
-    if (Norm(start - one->place) < std::min(here, reach)) here = Norm(start - one->place), wide = one->wide;
-  }
-  if (here < reach) return wide * (2 - wide);
+  if (const RoundPlace* here = found->NearestTo(start); here && Norm(here->place - start) < rho) return left(*here);
   Touch round;
-  const RoundPlace place = RoundSide(other, soft, start, xi, &round);
-  for (int i = 0; i < found->count; i++) nearest = std::min(nearest, Norm(place.place - found->all[i].place));
-  const double apart = std::clamp(2 * nearest / reach - 1, 0.0, 1.0);
-  found->all[found->count++] = place;
-  if (round.distance < 0) round.distance *= apart * (1 - place.wide * place.wide);
-  const bool is_new = place.own && apart > 0 && *count < kMaxClusters;
-  if (is_new && place.wide < 1 && round.distance < margin) out[(*count)++] = round;
-  return *count < kMaxClusters ? place.wide * (2 - place.wide) : 0;
+  const RoundPlace one = RoundSide(other, soft, start, xi, &round);
+  const RoundPlace* near = found->NearestTo(one.place);
+  const double apart = near ? std::clamp(2 * Norm(near->place - one.place) / rho - 1, 0.0, 1.0) : 1;
+  found->all[found->count++] = one;
+  if (*count == kMaxClusters) return 0;
+  if (round.distance < 0) round.distance *= apart * (1 - one.wide * one.wide);
+  if (one.own && apart > 0 && one.wide < 1 && round.distance < margin) out[(*count)++] = round;
+  return *count < kMaxClusters ? left(one) : 0;
 }
 
 // The clusters of a patch against a rigid geom, but for those beyond `margin`; normals point out of the geom. rolls:
