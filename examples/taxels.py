@@ -142,7 +142,7 @@ def plot(felt: Felt, path: Path) -> None:
     left.plot(felt.time, -felt.force[:, 1], label="dragged")
     left.plot(felt.time, FRICTION * felt.force[:, 2], "k:", label="μ × pressed")
     left.set(xlabel="time [s]", ylabel="force [N]", xlim=(0, END))
-    left.legend()
+    left.legend(loc=(0.2, 0.62))  # between the curves
     right.plot(felt.time, 1e3 * felt.centre, label="centre of pressure")
     start = felt.at(PRESSING)
     right.plot(
