@@ -2,7 +2,7 @@
 #   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
 #   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 15 minutes on two cores
 #   make test-all      all tests there, in 40 minutes
-#   make test-mujoco4  all tests but dm_control's and Ray's, on MuJoCo 4
+#   make test-mujoco4  the tests of the plugin, of scenes and of programs that are not slow, on MuJoCo 4
 #   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
@@ -18,8 +18,10 @@ VENV4 := .venv-mujoco4
 MUJOCO := 3.17.0
 MUJOCO4 := 4.0.0
 
-# A process a core, and a file's tests in one of them.
-PYTEST_PARALLEL := -n auto --dist loadfile
+# A process a core, a file's tests in one of them, and one thread in each: more would wait for each other.
+define pytest
+$(call draw,$(1)) OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(1)/bin/python -m pytest -q -n auto --dist loadfile
+endef
 PIP_INSTALL := -m pip install -q --disable-pip-version-check
 # The way MuJoCo draws without a display: MUJOCO_GL if it is set, else the first that works.
 define draw
@@ -32,13 +34,13 @@ demo: $(VENV)/installed
 	$(call draw,$(VENV)) $(VENV)/bin/python examples/steak.py --out out
 
 test: $(VENV)/installed
-	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q $(PYTEST_PARALLEL) -m "not slow"
+	$(call pytest,$(VENV)) -m "not slow"
 
 test-all: $(VENV)/installed-ray
-	$(call draw,$(VENV)) $(VENV)/bin/python -m pytest -q $(PYTEST_PARALLEL)
+	$(call pytest,$(VENV))
 
 test-mujoco4: $(VENV4)/installed
-	$(call draw,$(VENV4)) $(VENV4)/bin/python -m pytest -q $(PYTEST_PARALLEL) -m "not dm_control"
+	$(call pytest,$(VENV4)) -m "not dm_control and not slow" tests/app tests/physics tests/plugin tests/scene
 
 bench: $(VENV)/installed $(VENV4)/installed
 	$(VENV)/bin/python -m benchmarks.speed.bench --mujoco4 $(VENV4)/bin/python
