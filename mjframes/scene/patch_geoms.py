@@ -17,6 +17,7 @@ from mjframes.scene.patches import Patch
 from mjframes.scene.plugin_text import SEPARATOR, soft_name
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
+THIN = 1 / 32  # [-] half the width of a patch's mesh where its tips meet, to that of the box around it
 BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its size at rest before the broad phase loses it
 
 CONTACT = 80  # [bytes] that MuJoCo takes for each contact that a pair of geoms may have, while it looks for them …
@@ -39,10 +40,7 @@ def add_patches(
     bodies: of the `carried`.
     """
     for carrier, reach in _reaches(body, carried, patches).items():
-        half = printable(BOUNDS * reach)[0]
-        corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-        # its distance is not used
-        own.add_mesh(name=f"{name[1:]}{SEPARATOR}bounds_{carrier}", uservert=corners.ravel(), octree_maxdepth=1)
+        add_bounds(own, f"{name[1:]}{SEPARATOR}bounds_{carrier}", BOUNDS * reach)
     own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()
     for number, patch in enumerate(patches):
@@ -66,6 +64,25 @@ def add_patches(
         inner = sorted(owner for owner in owners if owner.startswith(name[1:] + SEPARATOR))
         for first, second in itertools.combinations(inner, 2):
             own.add_exclude(bodyname1=first, bodyname2=second)
+
+
+def add_bounds(spec: mujoco.MjSpec, name: str, half: float) -> None:
+    """Add a mesh for a geom whose signed distance a plugin knows: only the box around it counts, a cube.
+
+    half: half of the cube's edge [m].
+
+    Where MuJoCo reads such a mesh from XML, it makes an octree of all cells that the mesh crosses, for a cube in 0.3 s.
+    So the mesh has thin tips along the axes instead, which takes a twentieth of that.
+    """
+    tips, faces = np.concatenate([np.eye(3), -np.eye(3)]), []
+    inner = THIN * np.array(list(itertools.product((-1, 1), repeat=3)))
+    for tip, axis in enumerate([0, 1, 2] * 2):
+        sign = 1 if tip < 3 else -1
+        ring = [np.roll([sign, a, b], axis) > 0 for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        around = [len(tips) + int(corner @ [4, 2, 1]) for corner in ring[::sign]]
+        faces += [[tip, around[k - 1], around[k]] for k in range(4)]
+    vertices = printable(half * np.concatenate([tips, inner]).ravel())
+    spec.add_mesh(name=name, uservert=vertices, userface=np.ravel(faces), octree_maxdepth=1)
 
 
 def reserve_memory(spec: mujoco.MjSpec) -> None:

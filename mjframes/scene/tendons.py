@@ -30,7 +30,7 @@ from mjframes.scene.carriers import Carrier, carrier_of, printable
 from mjframes.scene.chamber_growth import growth, walls_around
 from mjframes.scene.material_points import OUTSIDE
 from mjframes.scene.muscles import Muscle, fibres, segments
-from mjframes.scene.patch_geoms import PATCH_GROUP, use_plugin
+from mjframes.scene.patch_geoms import PATCH_GROUP, add_bounds, use_plugin
 from mjframes.scene.plugin_text import ROUNDING, SEPARATOR, decode, encode, weight_attributes
 from mjframes.scene.skins import add_skin
 from mjframes.scene.tendon_slopes import Elements, correction, likeness, pair_slopes
@@ -190,8 +190,7 @@ def _write(spec: mujoco.MjSpec, name: str, own: str, carried: Sequence[Carrier],
     stem = f"{name}{SEPARATOR}{own}"
     on = [f"{name}{SEPARATOR}{carrier.points[0]}" for carrier in carried]
     first = spec.body(next(body for body, carrier in zip(on, carried, strict=True) if carrier.joints))
-    corners = 0.01 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    spec.add_mesh(name=stem, uservert=corners.ravel(), octree_maxdepth=1)
+    add_bounds(spec, stem, 0.01)
     hidden = {"group": PATCH_GROUP, "rgba": HIDDEN}
     alone = {"mass": 0, "contype": 0, "conaffinity": 0}
     geom = first.add_geom(name=stem, type=mujoco.mjtGeom.mjGEOM_SDF, meshname=stem, **hidden, **alone)
