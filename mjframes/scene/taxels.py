@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -205,6 +206,7 @@ def _on_surface(body: SoftBody, axes: Array, start: Array) -> tuple[Array, Array
     """Where points (n, 3) come to the skin along the grid's normal [m], and the normals there, outward; else NaN."""
     vertices, faces = body.skin.vertices, body.skin.faces
     mesh = trimesh.Trimesh(vertices, faces, process=False)
+    around, normals, areas = mesh.vertex_faces, mesh.face_normals, mesh.area_faces
     flat = vertices @ axes.T  # rows, columns, height
     corner, ab, ac = (flat[faces[:, 0]], *(flat[faces[:, i]] - flat[faces[:, 0]] for i in (1, 2)))
     twice = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
@@ -223,7 +225,7 @@ def _on_surface(body: SoftBody, axes: Array, start: Array) -> tuple[Array, Array
         face = int(outward[top])
         share = np.array([1 - q[top] - r[top], q[top], r[top]])
         place[t] = share @ vertices[faces[face]]
-        normal[t] = share @ np.array([_smooth(mesh, face, corner) for corner in faces[face]])
+        normal[t] = share @ np.array([_smooth(around[corner], normals, areas, face) for corner in faces[face]])
     return place, normal / np.linalg.norm(normal, axis=1)[:, None]
 
 
@@ -250,13 +252,14 @@ def _middles(size: Sequence[float] | Array, shape: Sequence[int] | NDArray[np.in
     return np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _smooth(mesh: trimesh.Trimesh, face: int, vertex: int) -> Array:
-    """The surface's normal (3,) at a vertex of a face, on that face's side of edges."""
-    around = mesh.vertex_faces[vertex]
+def _smooth(around: NDArray[np.integer], normals: Array, areas: Array, face: int) -> Array:
+    """The surface's normal (3,) at a vertex of a face, on that face's side of edges.
+
+    around: the faces at the vertex, and −1.  normals, areas: of all faces.
+    """
     around = around[around >= 0]
-    normals = mesh.face_normals[around]
-    some = normals @ mesh.face_normals[face] > SAME_SIDE
-    mean = mesh.area_faces[around][some] @ normals[some]
+    some = around[normals[around] @ normals[face] > SAME_SIDE]
+    mean = areas[some] @ normals[some]
     return mean / np.linalg.norm(mean)
 
 
@@ -282,7 +285,6 @@ def _pressed(body: SoftBody, grid: TaxelGrid, soft: dict[str, str], place: Array
         raise MjframesError("the soft body is rigid where the grid is; taxels need flesh below them.")
     spread = 2 * PRESSURE * least / 12
     reach = min(float(np.linalg.norm(np.ptp(everything, axis=0))), DECAYED * thickness) + 2 * np.sqrt(widths.max())
-    distance = np.linspace(0, reach, STEPS)
     along = grid.axes[0] - (normal @ grid.axes[0])[:, None] * normal
     moved = _moved_with(body, soft, cells)
     return {key: value for key, value in moved.items() if key not in ("region", "rise")} | {
@@ -292,12 +294,18 @@ def _pressed(body: SoftBody, grid: TaxelGrid, soft: dict[str, str], place: Array
         "area": encode(area[: len(place)]),
         "widened": encode(np.pi / 2 * PRESSURE * (widths - least) / 12),
         "vertex": encode(vertex),
-        "kernel": encode(layer_response(distance, spread, thickness, table[material].poisson)),
-        "kernel_step": repr(float(distance[1])),
+        "kernel": _kernel(float(reach), spread, thickness, table[material].poisson),
+        "kernel_step": repr(float(reach) / (STEPS - 1)),
         "softness": repr(softness),
         "thickness": repr(thickness),
         "factor": str(int(factor_of(table)[material]) + 1),
     }
+
+
+@lru_cache(maxsize=16)  # the quantities of a grid have the same
+def _kernel(reach: float, spread: float, thickness: float, poisson: float) -> str:
+    """What the plugin reads of the response of a layer as far as `reach` [m]."""
+    return encode(layer_response(np.linspace(0, reach, STEPS), spread, thickness, poisson))
 
 
 def _area(body: SoftBody) -> float:
