@@ -3,7 +3,7 @@
 #   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 15 minutes on two cores
 #   make test-all      all tests there, in 40 minutes
 #   make test-mujoco4  the tests of the plugin, of scenes and of programs that are not slow, on MuJoCo 4
-#   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 14 minutes or more
+#   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 17 minutes or more
 #   make bench-worlds  the same of many worlds side by side: rate, memory, beside flex
 #   make report        error and run time against finite elements and MuJoCo's flex: report/report.md
 #   make check         extreme states, and energy that comes from nothing, of bodies that nobody tuned: out/; damaged files
