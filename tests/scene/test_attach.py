@@ -388,8 +388,8 @@ def refusal(xml: str) -> str:
     ],
 )
 def test_arrays_are_whole_and_finite(law: str, method: str, warnings: list[str]) -> None:
-    labels = np.ones((8, 2, 2), int)
-    labels[4:] = 2
+    labels = np.ones((16, 4, 4), int)
+    labels[8:] = 2
     volume = Volume.from_labels(labels, 0.01, {1: Material(2e4, 0.3, 1000), 2: Material(1e5, 0.4, 1000)})
     wrong = dict(wrong_arrays(saved(build(volume, 3, law=law, method=method))))
     assert len(wrong) > 70

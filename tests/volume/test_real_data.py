@@ -45,7 +45,7 @@ def test_knee_in_a_hull_of_flesh(monkeypatch: pytest.MonkeyPatch) -> None:
     knee = Volume.load(shared("volumes/knee_dess_labels.nrrd"), materials=materials)
     volume = knee.filled(FLESH)
     assert np.count_nonzero(volume.labels == 11) == 1_868_016
-    volume = volume.resample(50_000)
+    volume = volume.resample(100_000)
     steps = []
     solve = conjugate.solve
     monkeypatch.setattr(conjugate, "solve", lambda *arguments: steps.append(solve(*arguments)))
