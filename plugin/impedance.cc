@@ -78,7 +78,8 @@ void SetResistances(const mjModel* m, mjData* d, const double* lies, const RowGr
     // the normal is the mean of a pyramid's first two edges, or the first row
     double actual = IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
     if (const double flat = lies ? lies[d->efc_id[first]] : 0; flat > 0) {
-      actual += flat * (InverseMass(m, d, contact.geom[0]) + InverseMass(m, d, contact.geom[1]) - actual);
+      // what is held has more inertia than its mass
+      actual += flat * std::min(0.0, InverseMass(m, d, contact.geom[0]) + InverseMass(m, d, contact.geom[1]) - actual);
     }
     if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
     for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
