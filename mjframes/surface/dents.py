@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 WIDTH = 0.29  # [-] of a frame's size: fitted to finite elements, 0.28 to 0.30 from 1 to 20 frames
 NARROWEST, WIDEST = 0.25, 2.0  # [-] of that width: beyond, it is not a dent that is missing
 SEEN = 0.82  # [-] of ℓ that probes find, whose voxels are below the surface: fitted to a ball and a pad, 1 to 20 frames
+BONE = 30.0  # [-] times as stiff as the surface: what is below does not give way beside it
 PRESSURE = 0.405  # [-] of a pressure's variance, as in plugin/constants.h
 MOST = 400  # voxels of a push that are looked at
 STEPS = 49  # ℓ that are tried: 4 % apart
@@ -41,7 +42,8 @@ STEPS = 49  # ℓ that are tried: 4 % apart
 class Dents:
     """Of the flesh below each place of the surface.
 
-    width: (s,) ℓ [m].  softness: (s,) β [1/√Pa].  thickness: (s,) of the body, along the normal [m].
+    width: (s,) ℓ [m].  softness: (s,) β [1/√Pa].  thickness: (s,) of the flesh, along the normal, to the
+    other side or to bone [m].
     material: (s,) the place of its material in the grid's table.
     """
 
@@ -73,12 +75,16 @@ def dents(
         middle = np.array([grid.centers[v].mean(axis=0) for v in answers.pushed])
         near = 1 / (cdist(positions, middle) + grid.spacing.min()) ** 2
         width = tried[np.argmin(near @ wrong, axis=1)]
-    voxel = KDTree(grid.centers).query(positions)[1]
-    return Dents(width, softness[voxel], _thickness(grid, positions, normals), grid.material[voxel].astype(np.int32))
+    voxel = np.asarray(KDTree(grid.centers).query(positions)[1])
+    thickness = _thickness(grid, positions, normals, voxel)
+    return Dents(width, softness[voxel], thickness, grid.material[voxel].astype(np.int32))
 
 
-def _thickness(grid: Grid, positions: Array, normals: Array) -> Array:
-    """(s,) how far it is through the voxels, by steps of half of one; one at least."""
+def _thickness(grid: Grid, positions: Array, normals: Array, surface: NDArray[np.integer]) -> Array:
+    """(s,) how far it is through the voxels to the other side or to bone, by steps of half of one; one at least.
+
+    surface: (s,) the voxel at each place.
+    """
     step, most = grid.spacing.min() / 2, float(np.linalg.norm(grid.spacing * grid.lookup.shape))
     inside, length = np.ones(len(positions), bool), np.zeros(len(positions))
     while inside.any() and length.max() < most:
@@ -86,7 +92,8 @@ def _thickness(grid: Grid, positions: Array, normals: Array) -> Array:
         place = (positions - length[:, None] * normals - grid.origin) @ grid.axes / grid.spacing
         index = np.floor(place).astype(np.int64)
         near = index.clip(0, np.array(grid.lookup.shape) - 1)
-        inside &= (near == index).all(axis=1) & (grid.lookup[tuple(near.T)] >= 0)
+        voxel = grid.lookup[tuple(near.T)]
+        inside &= (near == index).all(axis=1) & (voxel >= 0) & (grid.young[voxel] < BONE * grid.young[surface])
     return np.maximum(length, grid.spacing.min())
 
 
