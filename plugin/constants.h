@@ -116,12 +116,13 @@ inline constexpr double kSureStep = 2;           // [cubes] from one vertex to t
 inline constexpr double kTrailStep = 20;
 inline constexpr size_t kSharedVertices = 4;  // one in so many may be midway between patches of the other body
 
-inline constexpr double kFound = 1e-13;  // [m] rounding of a world position
-inline constexpr int kFindSteps = 20;    // of Newton's method; four are usual
-inline constexpr int kFullSteps = 6;     // after these it is damped: it may swing between cubes of unlike slope
-inline constexpr double kStride = 3;     // [cubes] longest step
-inline constexpr double kTie = 1e-3;     // [cubes] two patches may both have what is midway: neither would be worse
-inline constexpr int kClimbs = 3;        // steps up to the surface along the distance's gradient
+inline constexpr double kFound = 1e-13;   // [m] rounding of a world position
+inline constexpr int kFindSteps = 20;     // of Newton's method; four are usual
+inline constexpr int kFullSteps = 6;      // after these it is damped: it may swing between cubes of unlike slope
+inline constexpr double kStride = 3;      // [cubes] longest step
+inline constexpr double kFarAbove = 0.5;  // [cubes] above the surface, from where the way to that is its normal
+inline constexpr double kTie = 1e-3;      // [cubes] two patches may both have what is midway: neither would be worse
+inline constexpr int kClimbs = 3;         // steps up to the surface along the distance's gradient
 inline constexpr double kFlatDistance =
     0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
 inline constexpr double kOnSurface = 1e-6;  // [cubes]
@@ -140,8 +141,12 @@ inline constexpr double kCornerFall = 3;     // [-] of how far things fall in a 
 inline constexpr double kCorner = 0.02;      // [reach] at least, a hundredth of a voxel …
 inline constexpr double kCornerMost = 0.25;  // … and at most
 // [-] … and the more, the deeper the flat side is: what is pressed hard would tilt to and fro, as the force that moves
-// is as a spring of that force over the heights. With 1 the pads of tests/physics/test_firmness.py shake.
-inline constexpr double kCornerPressed = 2;
+// is as a spring of that force over the heights. With 1, and with 2 at high forces, the pads of
+// tests/physics/test_firmness.py shake.
+inline constexpr double kCornerPressed = 3;
+// [-] of a cluster that touches: from the first on, heights exceed kCornerMost; from the second on without a bound.
+// What presses less of it, such as a ball, does not press the corner.
+inline constexpr double kCornerFew = 0.1, kCornerMany = 0.225;
 inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
 // [-] cosine: two surfaces that face each other by less do not lie on each other.
 inline constexpr double kOpposed = 0.5;
@@ -185,6 +190,7 @@ inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but t
 inline constexpr double kFirmer = 9;
 // [s] T₀ times MuJoCo's largest impedance of 0.95: 15 ms, to which solref of soft and rigid geoms are mixed by default.
 inline constexpr double kUsualPeriod = 0.01425;
+inline constexpr double kFirmDamping = 2.5;  // [-] ζ: with 2 a box bounces 3 % higher than it fell at steps of 0.1 ms
 
 // Dents (dents.h)
 

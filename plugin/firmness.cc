@@ -30,8 +30,8 @@ Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double 
   const double asked = kFirmer / flesh * std::min(1.0, kUsualPeriod * kUsualPeriod * k);
   const double K = std::min(asked, rate * rate * moved);
   // MuJoCo's b where K is its own: the stage before may have set another
-  const double implicit = K > own ? (h * K + 2 * std::sqrt(K * moved)) / inertia : 0;
-  const double b = std::max(2 * ratio * std::sqrt(k), implicit);
+  const double calm = K > own ? std::min(1 / h, kFirmDamping * std::sqrt(K / inertia)) : 0;
+  const double b = std::max(2 * ratio * std::sqrt(k), calm);
   for (int r = row; r < row + RowCount(m, contact); r++) d->efc_KBIP[4 * r + 1] = b;
   if (K <= own) return {rows, k, own};
   return {rows, K / (inertia * imp), K};

@@ -233,7 +233,10 @@ void Meetings::Seek(const MetPoint& sought, double height, const Owner& owner, T
     *trail = {true, at, p, trail->start, there, trail->apart};
     MetPoint met = sought;
     met.xi = at;
-    if (found == Result::kFound) Meet(met, InsideOf(owner, met, there), &cube, sink);
+    const bool ball_above = owner.ball > 0 && contact_.field.Distance(cube.nodes, at - cube.base) > 0;
+    if (found == Result::kFound && !(ball_above && SeekBelow(sought, at, there, sink))) {
+      Meet(met, InsideOf(owner, met, there), &cube, sink);
+    }
   }
   if (found == Result::kOutside && far > 0) {
     if (owner.ball > 0 && far < height + extent_.cover) SeekBelow(sought, vertex, there, sink);
@@ -242,9 +245,9 @@ void Meetings::Seek(const MetPoint& sought, double height, const Owner& owner, T
   }
 }
 
-// Adds the middle of a ball that is so far above the surface that no node is around it, by the nearest place of that.
+// Adds the middle of a ball that is above the surface by the nearest place of that; false where there is none.
 // vertex: where to begin; slope: ∂ξ/∂x there.
-void Meetings::SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& slope, Sink* sink) {
+bool Meetings::SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& slope, Sink* sink) {
   const DeformedPatch all = state_->Deformed(kAllPatches);
   const auto apart = [&ball](const Vec3& p, Vec3* up) {
     const double distance = Norm(p - ball.place);
@@ -252,15 +255,20 @@ void Meetings::SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& s
     return distance;
   };
   SurfacePoint below;
-  if (!FindOnSurface(all, apart, vertex, &below)) return;
+  if (!FindOnSurface(all, apart, vertex, &below)) return false;
   Descend(all, apart, slope, below.distance, kRoundStride * contact_.field.spacing, &below);
   const Vec3 up = ball.place - below.position;
-  if (!(Dot(up, below.normal) > 0)) return;
+  const double over = Dot(up, below.normal);
+  if (!(over > 0)) return false;
+  // what is close above has no direction of its own
+  const double share = std::clamp(below.distance / (kFarAbove * contact_.field.spacing), 0.0, 1.0);
+  const Vec3 mean = (share / below.distance) * up + (1 - share) * below.normal;
   MetPoint met = ball;
   met.xi = below.xi;
-  met.distance = below.distance;
-  met.normal = (1 / below.distance) * up;
+  met.distance = share * below.distance + (1 - share) * over;
+  met.normal = (1 / Norm(mean)) * mean;
   Meet(met, {{}, {}, true, true}, &below.cube, sink);
+  return true;
 }
 
 // The material point at p, about, by the vertex nearest to it, and ∂ξ/∂x. nearest: that vertex; far: how far away it

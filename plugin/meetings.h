@@ -126,7 +126,7 @@ class Meetings {
   void SearchFeatures(const mjModel* m, const Features& features, const mjData* d, int geom, double room, double height,
                       Sink* sink);
   void Seek(const MetPoint& sought, double height, const Owner& owner, Trail* trail, Sink* sink);
-  void SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& slope, Sink* sink);
+  bool SeekBelow(const MetPoint& ball, const Vec3& vertex, const Mat3& slope, Sink* sink);
   static Inside InsideOf(const Owner& owner, const MetPoint& point, const Mat3& slope);
   Vec3 Guess(const Vec3& p, Mat3* slope, Vec3* vertex, double* far);
   void Meet(const MetPoint& found, const Inside& inside, DeformedPatch::Cube* cube, Sink* sink);

@@ -70,6 +70,26 @@ bool IsBeyond(const DeformedPatch& body, const Vec3& p, const SurfacePoint& poin
   return body.contact().field.Distance(cube.nodes, xi - cube.base) > 0;
 }
 
+// How far the geom is from the point, and which way is out. That is how deep its tip is below the tangent plane,
+// `over`, as far as the tip is in the flesh. At an edge the plane goes on where there is no flesh: there the geom's own
+// distance is right. normal: of the surface; becomes the contact's.
+double Apart(const DeformedPatch& body, const GeomQuery& geom, const SurfacePoint& point, const Vec3& tip, double over,
+             Vec3* normal) {
+  if (!(over < 0)) return over;
+  Vec3 gradient, xi = point.xi;
+  const double f = geom.Distance(point.position, &gradient);
+  DeformedPatch::Cube cube = point.cube;
+  Mat3 slope;
+  const auto found = body.Find(tip, false, mjMAXVAL, &xi, &cube, &slope);
+  if (found != DeformedPatch::Search::kFound && found != DeformedPatch::Search::kOutside) return over;
+  const bool inside = found == DeformedPatch::Search::kFound;
+  const double height = inside ? body.contact().field.Distance(cube.nodes, xi - cube.base) : 0;
+  const double edge = std::clamp(1 - height / over, 0.0, 1.0);
+  const Vec3 mean = (1 - edge) * *normal - edge * gradient;
+  *normal = (1 / std::max(mjMINVAL, Norm(mean))) * mean;
+  return (1 - edge) * over + edge * f;
+}
+
 }  // namespace
 
 bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& query, const Placed& soft, double margin,
@@ -87,12 +107,15 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   if (!field.IsNearest(point.cube.nodes, point.xi - point.cube.base, soft.number)) return false;
   // where its centre is inside, the geom's nearest point is not its deepest
   const Vec3 normal = point.normal, centre = ToVec3(d->geom_xpos + 3 * geom);
-  if (Dot(normal, centre - point.position) < 0 && IsBeyond(body, centre, point)) return false;
+  const bool is_in = Dot(normal, centre - point.position) < 0;
+  if (is_in && IsBeyond(body, centre, point)) return false;
   const Vec3 tip = Farthest(m, d, geom, -1 * normal);
-  const double distance = Dot(normal, tip - point.position);
+  const double over = Dot(normal, tip - point.position);
+  Vec3 out_of_flesh = normal;
+  const double distance = is_in ? over : Apart(body, query, point, tip, over, &out_of_flesh);
   if (!(distance < margin)) return false;
-  const Vec3 place = point.position + 0.5 * distance * normal;
-  *out = {distance, place, normal, -1, 0, 0, 0, 0, point.xi};
+  const Vec3 place = point.position + 0.5 * distance * out_of_flesh;
+  *out = {distance, place, out_of_flesh, -1, 0, 0, 0, 0, point.xi};
   if (soft.deformed.patch().dent.empty() || !(distance < 0)) return true;
   const double curvature = std::max(0.0, CurvatureOf(query, tip, -1 * normal, kRoundStep * radius) +
                                              CurvatureOf(soft, point, kRoundFit * volume.spacing));

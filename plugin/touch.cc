@@ -114,12 +114,16 @@ double CornerWidth(const mjModel* m, double reach) {
 // the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
 // pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
 // where it is deeper by `width`, ½ and g = 0 where it is as deep, 0 where it is higher by `width`. That grows with the
-// depth, from `least` on. corner: where that is [m].
+// depth, from `least` on, and without a bound where much of the cluster touches. corner: where that is [m].
 void MoveToCorner(const Patch& patch, double least, double reach, const Shared& shared, const Vec3& corner,
                   double* share, Touch* touch) {
   if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
-  touch->lies = static_cast<float>(std::min(1.0, kLies * shared.total / (touch->end - touch->begin)));
-  const double width = std::min(kCornerMost * reach, least + kCornerPressed * std::max(0.0, -touch->distance));
+  const double part = shared.total / (touch->end - touch->begin);
+  touch->lies = static_cast<float>(std::min(1.0, kLies * part));
+  const double pressed = least + kCornerPressed * std::max(0.0, -touch->distance);
+  const double bound = std::min(kCornerMost * reach, pressed);
+  const double free = std::clamp((part - kCornerFew) / (kCornerMany - kCornerFew), 0.0, 1.0);
+  const double width = bound + free * (pressed - bound);
   const double higher = shared.first - touch->distance;
   const double moved = std::clamp(0.5 * (width - higher) / width, 0.0, 1.0);
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;

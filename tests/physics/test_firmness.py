@@ -99,3 +99,22 @@ def test_what_is_squeezed_without_damping_comes_to_rest(frames: int, gravity: fl
     """It shook at 0.1 to 0.5 m/s where contacts went to corners over heights that do not grow with their depth."""
     option = f'cone="{cone}" gravity="0 0 {-gravity}"'
     assert squeezed(pad(WIDE, frames, 1000), WIDE[2], 0.05, Contact(), option)[1] < 1e-3
+
+
+@pytest.mark.parametrize("force", [20, 50])
+@pytest.mark.parametrize("frames", [3, 5, 11])
+def test_what_a_light_plate_presses_without_damping_comes_to_rest(frames: int, force: float) -> None:
+    """It shook at up to 6 m/s, and sank half as deep again: contacts of what was pressed hard jumped to corners."""
+    size, young = (0.06, 0.06, 0.02), 5e4
+    volume = Volume.box(size, Material(young, 0.45, 1000), spacing=0.004)
+    body = build(volume, frames, supports=Fixed(volume.side("-z")))
+    scene = """<mujoco><worldbody><body pos="0 0 0.061"><joint name="down" type="slide" axis="0 0 -1" damping="2"/>
+      <geom type="box" size=".1 .1 .05" mass="0.05"/></body></worldbody></mujoco>"""
+    model, data = compiled(scene, (body, (0, 0, 0), UPRIGHT))
+    fastest = 0.0
+    while data.time < 1.5:
+        data.joint("down").qfrc_applied = force * min(1, data.time / 0.5)
+        mujoco.mj_step(model, data)
+        fastest = max(fastest, float(np.abs(data.qvel).max())) if data.time > 1.2 else 0
+    assert fastest < 2e-3
+    assert 0.0005 < data.joint("down").qpos[0] - 0.001 < 0.005

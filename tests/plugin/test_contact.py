@@ -234,8 +234,9 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
         if cluster.flat:  # the contact goes to the corner, where the cluster begins, unless that is higher
             lies = min(1.0, 2 * float(bears.mean()))
             fall = 3 * np.linalg.norm(model.opt.gravity) * model.opt.timestep**2
-            width = np.clip(fall, 0.02 * reach, 0.25 * reach) + 2 * max(0, -distance)
-            width = min(width, 0.25 * reach)
+            pressed = np.clip(fall, 0.02 * reach, 0.25 * reach) + 3 * max(0, -distance)
+            bound = min(pressed, 0.25 * reach)
+            width = bound + np.clip((bears.mean() - 0.1) / 0.125, 0, 1) * (pressed - bound)
             higher = gap[0] - distance
             moved = np.clip((width - higher) / (2 * width), 0, 1)
             distance += width / 4 + (higher if higher < -width else -width * moved**2)
