@@ -14,6 +14,7 @@ from mjframes.base.errors import MjframesError
 if TYPE_CHECKING:
     from mjframes.volume.grid import Grid
 
+MOST_THIN = 0.5  # [-] of the free voxels, that may be a layer of one over what is held
 PARENT = ""  # as the name of a link: the body that the soft body is attached to
 
 
@@ -68,7 +69,8 @@ def supports_of(given: Support | Sequence[Support]) -> tuple[Support, ...]:
 def held_cores(grid: Grid, supports: Sequence[Support]) -> tuple[tuple[NDArray[np.int64], ...], tuple[str, ...]]:
     """Return the voxels of each piece, with the whole of every rigid piece that it touches, and its link.
 
-    Raise MjframesError for masks of another shape, empty ones, and pieces that overlap.
+    Raise MjframesError for masks of another shape, empty ones, pieces that overlap, and those that leave little more
+    free than layers of one voxel.
     """
     cores = []
     taken = np.zeros(len(grid.index), bool)
@@ -87,4 +89,26 @@ def held_cores(grid: Grid, supports: Sequence[Support]) -> tuple[tuple[NDArray[n
             raise MjframesError(f"{name} overlaps an earlier piece; a voxel or rigid piece can be in one only.")
         taken |= chosen
         cores.append(np.flatnonzero(chosen))
+    thin = _thin(grid, taken)
+    if thin > MOST_THIN:
+        raise MjframesError(
+            f"supports leave a layer of one voxel free in {thin:.0%} of the flesh, and frames cannot say how it shears;"
+            f" take a spacing of {grid.spacing.min() / 2:g} m or less, or hold fewer voxels."
+        )
     return tuple(cores), tuple(PARENT if isinstance(piece, Fixed) else piece.link for piece in supports)
+
+
+def _thin(grid: Grid, held: NDArray[np.bool_]) -> float:
+    """Which share of the free voxels is a layer of one: beyond it, away from what is held, nothing is free."""
+    free = np.zeros(grid.padded.shape, bool)
+    free[tuple(grid.index.T + 1)] = ~held
+    holds = np.zeros(grid.padded.shape, bool)
+    holds[tuple(grid.index.T + 1)] = held
+    thin = np.zeros(len(grid.index), bool)
+    for axis in range(3):
+        for way in (-1, 1):
+            beside, beyond = grid.index + 1, grid.index + 1
+            beside[:, axis] += way
+            beyond[:, axis] -= way
+            thin |= holds[tuple(beside.T)] & ~free[tuple(beyond.T)]
+    return float(np.mean(thin[~held])) if not held.all() else 0.0

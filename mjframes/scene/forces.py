@@ -24,17 +24,15 @@ def forces_on_frames(
     bodies: (k,) that carry the control points.  frame: (k,) of each.
     """
     carriers, first = np.unique(bodies, return_index=True)
-    subtree = np.full((model.nbody, 3), np.nan)
-    for body in carriers:
-        joint, dof = model.body_jntadr[body], model.body_dofadr[body]
-        if joint >= 0:
-            subtree[body] = generalized[dof : dof + 3] @ data.xaxis[joint : joint + 3]
+    joint, dof = model.body_jntadr[carriers], model.body_dofadr[carriers]
+    three = np.arange(3)
+    axes, along = data.xaxis[joint[:, None] + three], generalized[np.where(joint >= 0, dof, 0)[:, None] + three]
+    subtree = np.where(joint[:, None] >= 0, np.einsum("ba,bac->bc", along, axes), np.nan)
     forces = np.zeros((frame.max() + 1, 3))
-    for body, i in zip(carriers, frame[first], strict=True):
-        forces[i] += subtree[body]
-        above = np.flatnonzero(carriers == model.body_parentid[body])
-        if len(above):
-            forces[frame[first[above[0]]]] -= subtree[body]
+    np.add.at(forces, frame[first], subtree)
+    above = np.searchsorted(carriers, model.body_parentid[carriers]).clip(max=len(carriers) - 1)
+    hangs = carriers[above] == model.body_parentid[carriers]
+    np.subtract.at(forces, frame[first[above[hangs]]], subtree[hangs])
     return forces
 
 
@@ -84,14 +82,11 @@ def forces_on_geoms(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[n
     As `touches_of`, all contacts at once: with forces f of its rows a contact has Σ f along its normal and μ (f − f')
     along each tangent if cones are pyramidal.
     """
-    number = np.full(model.ngeom + 1, -1)  # the last one is of flexes
-    number[geoms] = np.arange(len(geoms))
-    contacts = data.contact
-    own = number[contacts.geom]
-    some = np.flatnonzero(((own[:, 0] < 0) != (own[:, 1] < 0)) & (contacts.efc_address >= 0))
+    some, own = _contacts_of(model, data, geoms)
     found = np.zeros((len(geoms), 3))
     if not len(some):
         return found
+    contacts = data.contact
     dim, first = contacts.dim[some], contacts.efc_address[some]
     pyramid = (model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL) & (dim > 1)
     count = np.where(pyramid, 2 * dim - 2, dim)
@@ -107,17 +102,38 @@ def forces_on_geoms(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[n
             edges = contacts.friction[some, axis - 1] * (force[:, 2 * axis - 2] - force[:, 2 * axis - 1])
             local[:, axis] += np.where(pyramid, edges, 0)
     in_world = np.einsum("ca,cab->cb", local, contacts.frame[some].reshape(-1, 3, 3))
-    second = own[some, 1] >= 0
-    np.add.at(found, own[some, second.astype(int)], np.where(second[:, None], in_world, -in_world))
+    second = own[:, 1] >= 0
+    np.add.at(found, own[np.arange(len(some)), second.astype(int)], np.where(second[:, None], in_world, -in_world))
     return found
+
+
+def rows_of(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the constraint rows of the contacts of some geoms with others."""
+    some, _ = _contacts_of(model, data, geoms)
+    dim, first = data.contact.dim[some], data.contact.efc_address[some]
+    pyramid = (model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL) & (dim > 1)
+    count = np.where(pyramid, 2 * dim - 2, dim)
+    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+
+
+def _contacts_of(
+    model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The contacts (c,) of some geoms with others, and the place of each side's geom among those (c, 2), or −1."""
+    number = np.full(model.ngeom + 1, -1)  # the last one is of flexes
+    number[geoms] = np.arange(len(geoms))
+    own = number[data.contact.geom]
+    some = np.flatnonzero(((own[:, 0] < 0) != (own[:, 1] < 0)) & (data.contact.efc_address >= 0))
+    return some, own[some]
 
 
 def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[np.int64]) -> Array:
     """Return Σ_i J_iᵀ f_i (nv,) over some constraint rows."""
-    total = np.zeros(model.nv)
+    force = data.efc_force[rows]
     if not mujoco.mj_isSparse(model):
-        return data.efc_force[rows] @ data.efc_J.reshape(data.nefc, model.nv)[rows]
-    for i in rows:
-        entries = slice(data.efc_J_rowadr[i], data.efc_J_rowadr[i] + data.efc_J_rownnz[i])
-        np.add.at(total, data.efc_J_colind[entries], data.efc_force[i] * data.efc_J[entries])
+        return force @ data.efc_J.reshape(data.nefc, model.nv)[rows]
+    first, count = data.efc_J_rowadr[rows], data.efc_J_rownnz[rows]
+    entries = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+    total = np.zeros(model.nv)
+    np.add.at(total, data.efc_J_colind[entries], np.repeat(force, count) * data.efc_J[entries])
     return total

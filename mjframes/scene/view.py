@@ -429,14 +429,13 @@ class Soft:
         Their sum is the contact force on the body. A held frame has what the moving ones leave of it; several of them
         share that by their weights at the nearest contact vertex.
         """
-        touches = list(forces.touches_of(self.model, self.data, self.patches))
-        rows = np.concatenate([np.zeros(0, int), *(touch.rows for touch in touches)])
+        rows = forces.rows_of(self.model, self.data, self.patches)
         found = self._on_frames(forces.constraint_force(self.model, self.data, rows))
         held = self.body.held
         if held == 1:
-            found[0] = sum((touch.force for touch in touches), np.zeros(3)) - found[1:].sum(axis=0)
+            found[0] = self.patch_forces.sum(axis=0) - found[1:].sum(axis=0)
         elif held > 1:
-            found[:held] = self._on_held(touches, held)
+            found[:held] = self._on_held(list(forces.touches_of(self.model, self.data, self.patches)), held)
         return found
 
     def _on_held(self, touches: Sequence[forces.Touch], held: int) -> np.ndarray:
@@ -553,16 +552,22 @@ def _instances(model: mujoco.MjModel) -> dict[str, int]:
     """Plugin instances that carry control points, by name."""
     found = {}
     for instance in np.unique(model.body_plugin[model.body_plugin >= 0]):
-        if "point_rest" in _configuration(model, int(instance)):
+        place = ATTRIBUTES.index("point_rest")
+        if _attributes(model, int(instance)).split(b"\0", place + 1)[place]:
             start = model.name_pluginadr[instance]
             found[soft_name(model.names[start:].split(b"\0", 1)[0].decode())] = int(instance)
     return found
 
 
 def _configuration(model: mujoco.MjModel, instance: int) -> dict[str, str]:
-    """The attributes of a plugin instance, by key: "value\\0" for each of the plugin's attributes, in their order."""
+    """The attributes of a plugin instance, by key."""
+    values = _attributes(model, instance).split(b"\0")
+    return {key: value.decode() for key, value in zip(ATTRIBUTES, values, strict=False) if value}
+
+
+def _attributes(model: mujoco.MjModel, instance: int) -> bytes:
+    """Those of a plugin instance: "value\\0" for each of the plugin's attributes, in their order."""
     start = model.plugin_attradr[instance]
     following = model.plugin_attradr[model.plugin_attradr > start]
     end = following.min() if len(following) else len(model.plugin_attr)
-    values = bytes(model.plugin_attr[start:end]).split(b"\0")
-    return {key: value.decode() for key, value in zip(ATTRIBUTES, values, strict=False) if value}
+    return bytes(model.plugin_attr[start:end])

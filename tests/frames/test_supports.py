@@ -77,6 +77,16 @@ def test_wrong_masks_are_refused(masks: list[np.ndarray], words: str) -> None:
         held_cores(voxel_grid(bar()), [Fixed(mask) for mask in masks])
 
 
+@pytest.mark.parametrize(("shape", "held"), [((8, 8, 2), slice(1)), ((8, 8, 6), slice(5)), ((20, 2, 2), slice(1))])
+def test_flesh_of_one_voxel_over_what_is_held_is_refused(shape: tuple[int, int, int], held: slice) -> None:
+    """Its frames shear without stiffness: a lid on such a pad felt thousands of newtons."""
+    mask = np.zeros(shape, bool)
+    mask[:, :, held] = True
+    volume = mf.Volume.from_labels(np.ones(shape, int), 0.005, {1: mf.Material(1e6, 0.3, 1000)})
+    with pytest.raises(MjframesError, match=r"a layer of one voxel free in 100% .* a spacing of 0\.0025 m or less"):
+        mf.build(volume, 4, supports=Fixed(mask))
+
+
 def test_a_touched_rigid_piece_is_fixed_as_a_whole() -> None:
     labels = np.ones(SHAPE, int)
     labels[:5] = 2

@@ -118,3 +118,20 @@ def test_what_a_light_plate_presses_without_damping_comes_to_rest(frames: int, f
         fastest = max(fastest, float(np.abs(data.qvel).max())) if data.time > 1.2 else 0
     assert fastest < 2e-3
     assert 0.0005 < data.joint("down").qpos[0] - 0.001 < 0.005
+
+
+@pytest.mark.parametrize("timestep", [0.0002, 0.0005, 0.001])
+@pytest.mark.parametrize("young", [1e5, 1e6])
+def test_a_box_that_falls_on_flesh_comes_back_no_higher(young: float, timestep: float) -> None:
+    """It came back up to twice as high, the more the shorter the step: contacts threw back what they brought along."""
+    volume = Volume.box((0.06, 0.06, 0.04), Material(young, 0.3, 1000), spacing=0.005)
+    body, height = build(volume, 5, supports=Fixed(volume.side("-z"))), 0.05
+    scene = f"""<mujoco><worldbody><body pos="0 0 {0.02 + height}"><joint name="up" type="slide" axis="0 0 1"/>
+      <geom type="box" size=".05 .05 .03" pos="0 0 .03" mass="1"/></body></worldbody></mujoco>"""
+    model, data = compiled(scene, (body, (0, 0, 0), UPRIGHT), timestep=timestep)
+    highest, touched = -np.inf, False
+    while data.time < 0.45:
+        mujoco.mj_step(model, data)
+        touched = touched or data.ncon > 0
+        highest = max(highest, float(data.joint("up").qpos[0])) if touched else highest
+    assert -0.045 < highest < 0
