@@ -5,12 +5,17 @@
 //
 //   K = n/c · min(1, (T₀/T)²)
 //
-// at least, T from solref. R, which acts as a mass 1/R, stays. With k imp = K R, an implicit step of that spring and
-// critical damping would have 1/R = h² K + h C. So K is no more than what 1/R is enough for, with C = 2 √(K M) and
-// M = (1 − imp)/imp · 1/R, which the contact moves: K ≤ (1/√(1 − imp) − 1)² M/h².
+// at least, T from solref. R, which acts as a mass 1/R, stays. An implicit step of a spring with critical damping,
+// f = −K (x + h v') − C v', would have the rows
 //
-// What touches brings the mass 1/R along at the speed of the gap, and flesh would throw its energy back. So it is
-// damped more than critically, b = ζ √(K R), but in no less than a step, 1/h; or as MuJoCo does, if that is more.
+//   1/R = h² K + h C,   b = (h K + C) R,   k imp = K R,   C = 2 √(K M)
+//
+// where M = (1 − imp)/imp · 1/R is what the contact moves. So K is no more than what 1/R is enough for,
+// (1/√(1 − imp) − 1)² M/h², and b is as much, or MuJoCo's if that is more.
+//
+// What touches brings the mass 1/R along at the speed of the gap. Where flat sides lie flat, each of their contacts has
+// that of the whole body, and flesh would throw their energy back. So it is damped there by itself, b = ζ √(K R), but
+// in no less than a step, 1/h.
 
 #ifndef MJFRAMES_PLUGIN_FIRMNESS_H_
 #define MJFRAMES_PLUGIN_FIRMNESS_H_
@@ -27,7 +32,8 @@ struct Firmness {
 };
 
 // What the spring of a contact is to be; b of its rows is set, their k not yet. R is complete. flesh: c [m/N].
-Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double flesh);
+// lies: whether the contact is of a flat side that lies flat, 0 to 1.
+Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double flesh, double lies);
 
 }  // namespace mjframes
 
