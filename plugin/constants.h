@@ -190,7 +190,6 @@ inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but t
 inline constexpr double kFirmer = 9;
 // [s] T₀ times MuJoCo's largest impedance of 0.95: 15 ms, to which solref of soft and rigid geoms are mixed by default.
 inline constexpr double kUsualPeriod = 0.01425;
-inline constexpr double kFirmDamping = 2.5;  // [-] ζ: with 2 a box bounces 3 % higher than it fell at steps of 0.1 ms
 
 // Dents (dents.h)
 

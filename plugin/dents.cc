@@ -116,7 +116,7 @@ bool Press(const mjModel* m, mjData* d, const ContactDents& dents, int number, P
   const mjContact& contact = d->contact[number];
   const int row = contact.efc_address;
   if (row < 0 || !(dents.flesh > 0)) return false;
-  const auto [rows, k, spring] = MakeFirm(m, d, contact, dents.flesh, dents.lies);
+  const auto [rows, k, spring] = MakeFirm(m, d, contact, dents.flesh);
   *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], dents.lift, 0};
   for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {

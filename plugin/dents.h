@@ -53,7 +53,6 @@ struct ContactDents {
   int before[2];    // of each geom: which side of a contact, 2c + s, its soft body had before this one; −1 for none
   double flesh;     // how far a half-space of both sides' flesh gives way below its pressure [m/N]
   double lift;      // how what rolls over it accelerates away (round_side.h) [m/s²]
-  double lies;      // whether it is of a flat side that lies flat: from 0 to 1
 };
 
 // Makes the flesh of all contacts firmer where these press it deep or on most of its section, and fills in `before` and

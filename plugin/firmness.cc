@@ -21,7 +21,7 @@ double Stiffness(const mjModel* m, const mjContact& contact) {
 
 }  // namespace
 
-Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double flesh, double lies) {
+Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double flesh) {
   const int row = contact.efc_address, rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), ratio = contact.solref[1];
   const double imp = d->efc_KBIP[4 * row + 2], inertia = rows / d->efc_R[row], own = k * imp * inertia;
@@ -31,8 +31,7 @@ Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double 
   const double K = std::min(asked, rate * rate * moved);
   // MuJoCo's b where K is its own: the stage before may have set another
   const double implicit = K > own ? (h * K + 2 * std::sqrt(K * moved)) / inertia : 0;
-  const double calm = K > own ? lies * std::min(1 / h, kFirmDamping * std::sqrt(K / inertia)) : 0;
-  const double b = std::max({2 * ratio * std::sqrt(k), implicit, calm});
+  const double b = std::max(2 * ratio * std::sqrt(k), implicit);
   for (int r = row; r < row + RowCount(m, contact); r++) d->efc_KBIP[4 * r + 1] = b;
   if (K <= own) return {rows, k, own};
   return {rows, K / (inertia * imp), K};

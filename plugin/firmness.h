@@ -12,10 +12,6 @@
 //
 // where M = (1 − imp)/imp · 1/R is what the contact moves. So K is no more than what 1/R is enough for,
 // (1/√(1 − imp) − 1)² M/h², and b is as much, or MuJoCo's if that is more.
-//
-// What touches brings the mass 1/R along at the speed of the gap. Where flat sides lie flat, each of their contacts has
-// that of the whole body, and flesh would throw their energy back. So it is damped there by itself, b = ζ √(K R), but
-// in no less than a step, 1/h.
 
 #ifndef MJFRAMES_PLUGIN_FIRMNESS_H_
 #define MJFRAMES_PLUGIN_FIRMNESS_H_
@@ -32,8 +28,7 @@ struct Firmness {
 };
 
 // What the spring of a contact is to be; b of its rows is set, their k not yet. R is complete. flesh: c [m/N].
-// lies: whether the contact is of a flat side that lies flat, 0 to 1.
-Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double flesh, double lies);
+Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double flesh);
 
 }  // namespace mjframes
 

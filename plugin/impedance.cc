@@ -1,6 +1,7 @@
 #include "impedance.h"
 
 #include <algorithm>
+#include <optional>
 
 #include "world.h"
 
@@ -11,10 +12,12 @@ bool IsPyramid(const mjModel* m, const mjContact& contact) {
   return contact.dim > 1 && m->opt.cone == mjCONE_PYRAMIDAL;
 }
 
-// Of what a geom rides on [1/kg]: a soft body in one piece, or a rigid body as MuJoCo sees it.
-double InverseMass(const mjModel* m, const mjData* d, int geom) {
+// Of what a geom rides on [1/kg]: a free soft body in one piece, or a rigid body as MuJoCo sees it. A soft body that is
+// held does not move in one piece: none.
+std::optional<double> InverseMass(const mjModel* m, const mjData* d, int geom) {
   for (int body = m->geom_bodyid[geom]; body > 0; body = m->body_parentid[body]) {
-    if (const SoftBody* soft = GetSoftBody(d, m->body_plugin[body])) return 1 / soft->mass();
+    const SoftBody* soft = GetSoftBody(d, m->body_plugin[body]);
+    if (soft) return soft->kinematics().held() ? std::nullopt : std::optional(1 / soft->mass());
   }
   return m->body_invweight0[2 * m->geom_bodyid[geom]];
 }
@@ -78,8 +81,8 @@ void SetResistances(const mjModel* m, mjData* d, const double* lies, const RowGr
     // the normal is the mean of a pyramid's first two edges, or the first row
     double actual = IsPyramid(m, contact) ? 0.25 * (product[0][0] + 2 * product[0][1] + product[1][1]) : product[0][0];
     if (const double flat = lies ? lies[d->efc_id[first]] : 0; flat > 0) {
-      // what is held has more inertia than its mass
-      actual += flat * std::min(0.0, InverseMass(m, d, contact.geom[0]) + InverseMass(m, d, contact.geom[1]) - actual);
+      const auto one = InverseMass(m, d, contact.geom[0]), other = InverseMass(m, d, contact.geom[1]);
+      if (one && other) actual += flat * (*one + *other - actual);
     }
     if (!(assumed > mjMINVAL) || !(actual > mjMINVAL)) return;
     for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);

@@ -482,7 +482,7 @@ void AddTouchWeights(const SoftSide side[2], const Touch& touch, const TouchScra
 }
 
 ContactDents TouchDents(const SoftSide side[2], const Touch& touch) {
-  ContactDents dents = {touch.Centre(), touch.variance, {}, {}, 0, 0, touch.lies};
+  ContactDents dents = {touch.Centre(), touch.variance, {}, {}, 0, 0};
   double spacing = 0;
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;

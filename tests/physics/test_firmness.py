@@ -123,7 +123,7 @@ def test_what_a_light_plate_presses_without_damping_comes_to_rest(frames: int, f
 @pytest.mark.parametrize("timestep", [0.0002, 0.0005, 0.001])
 @pytest.mark.parametrize("young", [1e5, 1e6])
 def test_a_box_that_falls_on_flesh_comes_back_no_higher(young: float, timestep: float) -> None:
-    """It came back up to twice as high, the more the shorter the step: contacts threw back what they brought along."""
+    """It came back up to twice as high, the more the shorter the step: contacts took the flesh for one piece."""
     volume = Volume.box((0.06, 0.06, 0.04), Material(young, 0.3, 1000), spacing=0.005)
     body, height = build(volume, 5, supports=Fixed(volume.side("-z"))), 0.05
     scene = f"""<mujoco><worldbody><body pos="0 0 {0.02 + height}"><joint name="up" type="slide" axis="0 0 1"/>
