@@ -147,6 +147,8 @@ inline constexpr double kCornerPressed = 3;
 // [-] of a cluster that touches: from the first on, heights exceed kCornerMost; from the second on without a bound.
 // What presses less of it, such as a ball, does not press the corner.
 inline constexpr double kCornerFew = 0.1, kCornerMany = 0.225;
+inline constexpr double kCornerUneven =
+    0.01;                               // [-] by which the mean of a geom's unit normals is short where it is round
 inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
 // [-] cosine: two surfaces that face each other by less do not lie on each other.
 inline constexpr double kOpposed = 0.5;

@@ -235,8 +235,8 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData, obstacle: Obstacle) -> l
             lies = min(1.0, 2 * float(bears.mean()))
             fall = 3 * np.linalg.norm(model.opt.gravity) * model.opt.timestep**2
             pressed = np.clip(fall, 0.02 * reach, 0.25 * reach) + 3 * max(0, -distance)
-            bound = min(pressed, 0.25 * reach)
-            width = bound + np.clip((bears.mean() - 0.1) / 0.125, 0, 1) * (pressed - bound)
+            bound, even = min(pressed, 0.25 * reach), max(0, 1 - (1 - float(np.linalg.norm(normal))) / 0.01)
+            width = bound + np.clip((bears.mean() - 0.1) / 0.125, 0, 1) * even * (pressed - bound)
             higher = gap[0] - distance
             moved = np.clip((width - higher) / (2 * width), 0, 1)
             distance += width / 4 + (higher if higher < -width else -width * moved**2)
