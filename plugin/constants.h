@@ -112,17 +112,17 @@ inline constexpr int kKeptMeetings = 4;          // other bodies of which a patc
 inline constexpr size_t kKeptFeatureGeoms = 64;  // rigid geoms of which a body keeps where their features are in it …
 inline constexpr size_t kKeptFeatures = 160;     // … and so many features of all, or those of the largest mesh
 inline constexpr double kSureStep = 2;           // [cubes] from one vertex to the next, off by a quarter at most
+inline constexpr double kFarAbove = 0.5;         // [cubes] nearer to the surface, a ball's middle leaves by its normal
 // [cubes] from one point to the next: across a patch; from farther away a nearest vertex is the better guess.
 inline constexpr double kTrailStep = 20;
 inline constexpr size_t kSharedVertices = 4;  // one in so many may be midway between patches of the other body
 
-inline constexpr double kFound = 1e-13;   // [m] rounding of a world position
-inline constexpr int kFindSteps = 20;     // of Newton's method; four are usual
-inline constexpr int kFullSteps = 6;      // after these it is damped: it may swing between cubes of unlike slope
-inline constexpr double kStride = 3;      // [cubes] longest step
-inline constexpr double kFarAbove = 0.5;  // [cubes] above the surface, from where the way to that is its normal
-inline constexpr double kTie = 1e-3;      // [cubes] two patches may both have what is midway: neither would be worse
-inline constexpr int kClimbs = 3;         // steps up to the surface along the distance's gradient
+inline constexpr double kFound = 1e-13;  // [m] rounding of a world position
+inline constexpr int kFindSteps = 20;    // of Newton's method; four are usual
+inline constexpr int kFullSteps = 6;     // after these it is damped: it may swing between cubes of unlike slope
+inline constexpr double kStride = 3;     // [cubes] longest step
+inline constexpr double kTie = 1e-3;     // [cubes] two patches may both have what is midway: neither would be worse
+inline constexpr int kClimbs = 3;        // steps up to the surface along the distance's gradient
 inline constexpr double kFlatDistance =
     0.05;  // [-] a gradient shorter than this has no direction: midway between two sides
 inline constexpr double kOnSurface = 1e-6;  // [cubes]
@@ -147,8 +147,8 @@ inline constexpr double kCornerPressed = 3;
 // [-] of a cluster that touches: from the first on, heights exceed kCornerMost; from the second on without a bound.
 // What presses less of it, such as a ball, does not press the corner.
 inline constexpr double kCornerFew = 0.1, kCornerMany = 0.225;
-inline constexpr double kCornerUneven =
-    0.01;                               // [-] by which the mean of a geom's unit normals is short where it is round
+// [-] by which the mean of a geom's unit normals is short where it is round.
+inline constexpr double kCornerUneven = 0.01;
 inline constexpr double kAlong = 0.15;  // [-] cosine of its normal to a contact's: 81° and more
 // [-] cosine: two surfaces that face each other by less do not lie on each other.
 inline constexpr double kOpposed = 0.5;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "constants.h"
 #include "deformed.h"
@@ -60,14 +61,15 @@ double CurvatureOf(const Placed& soft, const SurfacePoint& point, double near) {
   return total > 0 ? 2 * moment / total : 0;
 }
 
-// Whether p, which is below the surface at the point, is outside again: on the other side of something thin.
-bool IsBeyond(const DeformedPatch& body, const Vec3& p, const SurfacePoint& point) {
+// How high p is above the surface, looked for from a point of that on; negative inside, none where that is not found.
+std::optional<double> HeightOf(const DeformedPatch& body, const Vec3& p, const SurfacePoint& point) {
   Vec3 xi = point.xi;
   DeformedPatch::Cube cube = point.cube;
   Mat3 slope;
   const auto found = body.Find(p, false, mjMAXVAL, &xi, &cube, &slope);
-  if (found != DeformedPatch::Search::kFound) return found == DeformedPatch::Search::kOutside;
-  return body.contact().field.Distance(cube.nodes, xi - cube.base) > 0;
+  if (found == DeformedPatch::Search::kOutside) return mjMAXVAL;
+  if (found != DeformedPatch::Search::kFound) return std::nullopt;
+  return body.contact().field.Distance(cube.nodes, xi - cube.base);
 }
 
 // How far the geom is from the point, and which way is out. That is how deep its tip is below the tangent plane,
@@ -76,15 +78,9 @@ bool IsBeyond(const DeformedPatch& body, const Vec3& p, const SurfacePoint& poin
 double Apart(const DeformedPatch& body, const GeomQuery& geom, const SurfacePoint& point, const Vec3& tip, double over,
              Vec3* normal) {
   if (!(over < 0)) return over;
-  Vec3 gradient, xi = point.xi;
+  const double edge = std::clamp(1 - HeightOf(body, tip, point).value_or(over) / over, 0.0, 1.0);
+  Vec3 gradient;
   const double f = geom.Distance(point.position, &gradient);
-  DeformedPatch::Cube cube = point.cube;
-  Mat3 slope;
-  const auto found = body.Find(tip, false, mjMAXVAL, &xi, &cube, &slope);
-  if (found != DeformedPatch::Search::kFound && found != DeformedPatch::Search::kOutside) return over;
-  const bool inside = found == DeformedPatch::Search::kFound;
-  const double height = inside ? body.contact().field.Distance(cube.nodes, xi - cube.base) : 0;
-  const double edge = std::clamp(1 - height / over, 0.0, 1.0);
   const Vec3 mean = (1 - edge) * *normal - edge * gradient;
   *normal = (1 / std::max(mjMINVAL, Norm(mean))) * mean;
   return (1 - edge) * over + edge * f;
@@ -108,7 +104,7 @@ bool RoundTouch(const mjModel* m, const mjData* d, int geom, const GeomQuery& qu
   // where its centre is inside, the geom's nearest point is not its deepest
   const Vec3 normal = point.normal, centre = ToVec3(d->geom_xpos + 3 * geom);
   const bool is_in = Dot(normal, centre - point.position) < 0;
-  if (is_in && IsBeyond(body, centre, point)) return false;
+  if (is_in && HeightOf(body, centre, point).value_or(0) > 0) return false;  // on the other side of something thin
   const Vec3 tip = Farthest(m, d, geom, -1 * normal);
   const double over = Dot(normal, tip - point.position);
   Vec3 out_of_flesh = normal;

@@ -89,8 +89,7 @@ def held_cores(grid: Grid, supports: Sequence[Support]) -> tuple[tuple[NDArray[n
             raise MjframesError(f"{name} overlaps an earlier piece; a voxel or rigid piece can be in one only.")
         taken |= chosen
         cores.append(np.flatnonzero(chosen))
-    thin = _thin(grid, taken)
-    if thin > MOST_THIN:
+    if taken.any() and (thin := _thin(grid, taken)) > MOST_THIN:
         raise MjframesError(
             f"supports leave a layer of one voxel free in {thin:.0%} of the flesh, and frames cannot say how it shears;"
             f" take a spacing of {grid.spacing.min() / 2:g} m or less, or hold fewer voxels."
@@ -100,15 +99,9 @@ def held_cores(grid: Grid, supports: Sequence[Support]) -> tuple[tuple[NDArray[n
 
 def _thin(grid: Grid, held: NDArray[np.bool_]) -> float:
     """Which share of the free voxels is a layer of one: beyond it, away from what is held, nothing is free."""
-    free = np.zeros(grid.padded.shape, bool)
-    free[tuple(grid.index.T + 1)] = ~held
-    holds = np.zeros(grid.padded.shape, bool)
-    holds[tuple(grid.index.T + 1)] = held
-    thin = np.zeros(len(grid.index), bool)
-    for axis in range(3):
-        for way in (-1, 1):
-            beside, beyond = grid.index + 1, grid.index + 1
-            beside[:, axis] += way
-            beyond[:, axis] -= way
-            thin |= holds[tuple(beside.T)] & ~free[tuple(beyond.T)]
+    holds, free = np.append(held, False), np.append(~held, False)  # outside, number −1, is neither
+    thin = np.zeros(len(held), bool)
+    for step in (*np.eye(3, dtype=int), *-np.eye(3, dtype=int)):
+        beside, beyond = (grid.padded[tuple((grid.index + 1 + way).T)] for way in (step, -step))
+        thin |= holds[beside] & ~free[beyond]
     return float(np.mean(thin[~held])) if not held.all() else 0.0

@@ -87,9 +87,7 @@ def forces_on_geoms(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[n
     if not len(some):
         return found
     contacts = data.contact
-    dim, first = contacts.dim[some], contacts.efc_address[some]
-    pyramid = (model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL) & (dim > 1)
-    count = np.where(pyramid, 2 * dim - 2, dim)
+    pyramid, first, count = _rows_of(model, data, some)
     padded = np.append(data.efc_force, 0.0)
     rows = np.arange(count.max())
     force = padded[np.where(rows < count[:, None], first[:, None] + rows, data.nefc)]  # (c, rows)
@@ -109,11 +107,8 @@ def forces_on_geoms(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[n
 
 def rows_of(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the constraint rows of the contacts of some geoms with others."""
-    some, _ = _contacts_of(model, data, geoms)
-    dim, first = data.contact.dim[some], data.contact.efc_address[some]
-    pyramid = (model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL) & (dim > 1)
-    count = np.where(pyramid, 2 * dim - 2, dim)
-    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+    _, first, count = _rows_of(model, data, _contacts_of(model, data, geoms)[0])
+    return _all_of(first, count)
 
 
 def _contacts_of(
@@ -127,13 +122,27 @@ def _contacts_of(
     return some, own[some]
 
 
+def _rows_of(
+    model: mujoco.MjModel, data: mujoco.MjData, some: NDArray[np.int64]
+) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:
+    """Of some contacts (c,): whether each has a pyramid, its first row, and how many it has."""
+    dim = data.contact.dim[some]
+    pyramid = (model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL) & (dim > 1)
+    return pyramid, data.contact.efc_address[some], np.where(pyramid, 2 * dim - 2, dim)
+
+
+def _all_of(first: NDArray[np.integer], count: NDArray[np.integer]) -> NDArray[np.int64]:
+    """The numbers of runs, one run after the other, of which each begins at `first` and has `count`."""
+    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+
+
 def constraint_force(model: mujoco.MjModel, data: mujoco.MjData, rows: NDArray[np.int64]) -> Array:
     """Return Σ_i J_iᵀ f_i (nv,) over some constraint rows."""
     force = data.efc_force[rows]
     if not mujoco.mj_isSparse(model):
         return force @ data.efc_J.reshape(data.nefc, model.nv)[rows]
     first, count = data.efc_J_rowadr[rows], data.efc_J_rownnz[rows]
-    entries = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+    entries = _all_of(first, count)
     total = np.zeros(model.nv)
     np.add.at(total, data.efc_J_colind[entries], np.repeat(force, count) * data.efc_J[entries])
     return total

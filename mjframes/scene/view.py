@@ -550,9 +550,8 @@ def instance_of(model: mujoco.MjModel, name: str) -> int:
 
 def _instances(model: mujoco.MjModel) -> dict[str, int]:
     """Plugin instances that carry control points, by name."""
-    found = {}
+    found, place = {}, ATTRIBUTES.index("point_rest")
     for instance in np.unique(model.body_plugin[model.body_plugin >= 0]):
-        place = ATTRIBUTES.index("point_rest")
         if _attributes(model, int(instance)).split(b"\0", place + 1)[place]:
             start = model.name_pluginadr[instance]
             found[soft_name(model.names[start:].split(b"\0", 1)[0].decode())] = int(instance)

@@ -42,8 +42,8 @@ STEPS = 49  # ℓ that are tried: 4 % apart
 class Dents:
     """Of the flesh below each place of the surface.
 
-    width: (s,) ℓ [m].  softness: (s,) β [1/√Pa].  thickness: (s,) of the flesh, along the normal, to the
-    other side or to bone [m].
+    width: (s,) ℓ [m].  softness: (s,) β [1/√Pa].
+    thickness: (s,) of the flesh along the normal, to the other side or to bone [m].
     material: (s,) the place of its material in the grid's table.
     """
 
