@@ -145,7 +145,8 @@ inline constexpr double kCornerMost = 0.25;  // … and at most
 // tests/physics/test_firmness.py shake.
 inline constexpr double kCornerPressed = 3;
 // [-] of a cluster that touches: from the first on, heights exceed kCornerMost; from the second on without a bound.
-// What presses less of it, such as a ball, does not press the corner.
+// What presses less of it, such as a ball, does not press the corner. A soft body bends to the pressed side itself: a
+// stack of three shook.
 inline constexpr double kCornerFew = 0.1, kCornerMany = 0.225;
 // [-] by which the mean of a geom's unit normals is short where it is round.
 inline constexpr double kCornerUneven = 0.01;

@@ -114,9 +114,9 @@ double CornerWidth(const mjModel* m, double reach) {
 // the cluster's first vertex, so that bodies stand as wide as they are. With Δ how much higher the corner is than the
 // pressure centre, the distance becomes that of the centre + g(Δ), and the corner has the share g' in the contact: 1
 // where it is deeper by `width`, ½ and g = 0 where it is as deep, 0 where it is higher by `width`. That grows with the
-// depth, from `least` on, and without a bound where much of the cluster touches something flat. even: length of the
-// mean of the geom's unit normals there. corner: where that is [m].
-void MoveToCorner(const Patch& patch, double least, double reach, double even, const Shared& shared, const Vec3& corner,
+// depth, from `least` on, and without a bound where much of the cluster touches a flat geom. flat: 1 where it does, 0
+// where it touches a round geom or a soft body. corner: where that is [m].
+void MoveToCorner(const Patch& patch, double least, double reach, double flat, const Shared& shared, const Vec3& corner,
                   double* share, Touch* touch) {
   if (!(Norm(Facing(patch, touch->begin)) > 0)) return;
   const double part = shared.total / (touch->end - touch->begin);
@@ -124,8 +124,7 @@ void MoveToCorner(const Patch& patch, double least, double reach, double even, c
   const double pressed = least + kCornerPressed * std::max(0.0, -touch->distance);
   const double bound = std::min(kCornerMost * reach, pressed);
   const double many = std::clamp((part - kCornerFew) / (kCornerMany - kCornerFew), 0.0, 1.0);
-  const double free = many * std::max(0.0, 1 - (1 - even) / kCornerUneven);
-  const double width = bound + free * (pressed - bound);
+  const double width = bound + many * flat * (pressed - bound);
   const double higher = shared.first - touch->distance;
   const double moved = std::clamp(0.5 * (width - higher) / width, 0.0, 1.0);
   const Vec3 place = corner - 0.5 * shared.first * touch->normal;
@@ -236,11 +235,11 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
       square += share[s] * Dot(p, p);
       touch.normal = touch.normal + share[s] * other.Normal(p);
     }
-    const double even = Norm(touch.normal);
+    const double flat = std::max(0.0, 1 - (1 - Norm(touch.normal)) / kCornerUneven);
     if (!Settle(0, square, shared, &touch)) continue;
     if (LiesAlong(facing, touch.normal)) continue;
     if (other.bounded() && PushesOut(soft, touch, share)) continue;
-    MoveToCorner(patch, width, reach, even, shared, Vertex(vertices, n, begin), share, &touch);
+    MoveToCorner(patch, width, reach, flat, shared, Vertex(vertices, n, begin), share, &touch);
     if (touch.distance < 0) touch.distance *= left;
     if (touch.distance < margin) out[count++] = touch;
   }
@@ -315,11 +314,10 @@ int VertexTouches(const mjModel* m, const SoftSide& own, int other_patch, const 
         square += share[s] * Dot(of_vertex[s]->place, of_vertex[s]->place);
         touch.normal = touch.normal + share[s] * of_vertex[s]->normal;
       }
-      const double even = Norm(touch.normal);
       const bool touches = shared.deepest < margin && Settle(0, square, shared, &touch);
       if (touches && !LiesAlong(FacingNow(own.body->contact().state(), own.patch, begin), touch.normal)) {
         const Vec3& corner = shared.first < mjMAXVAL ? of_vertex[begin]->place : touch.position;
-        MoveToCorner(patch, width, reach, even, shared, corner, share, &touch);
+        MoveToCorner(patch, width, reach, 0, shared, corner, share, &touch);
         if (touch.distance < margin) out[count++] = touch;
       }
     }
