@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from functools import cache
 from typing import Any
-from xml.etree import ElementTree
 
 from dm_control import composer, mjcf
 from dm_control.composer.variation import distributions
@@ -40,19 +39,7 @@ def _fleshed() -> str:
     spec = rodent()
     clothe(spec)
     spec.compile()
-    return _without_frames(spec.to_xml())
-
-
-def _without_frames(xml: str) -> str:
-    """The same for PyMJCF, which knows no <frame>: the body in each, which has no pose of its own, takes its place."""
-    root = ElementTree.fromstring(xml)
-    for outer in list(root.iter()):
-        for place, frame in enumerate(outer):
-            if frame.tag == "frame":
-                (body,) = frame
-                body.attrib |= frame.attrib
-                outer[place] = body
-    return ElementTree.tostring(root, encoding="unicode")
+    return spec.to_xml()
 
 
 class SoftRat(walkers.Rat):

@@ -145,7 +145,7 @@ def attach(
     own = mujoco.MjSpec()
     own.activate_plugin(plugin.NAME)
     instance = own.add_plugin(name=instance_name(name)[1:], plugin_name=plugin.NAME, active=True)
-    inner = own.worldbody.add_body(name=instance.name)
+    inner = own.worldbody.add_body(name=instance.name, explicitinertial=True, ipos=[0, 0, 0], iquat=[1, 0, 0, 0])
     bodies = _add_bodies(inner, carried, place.bodies, name)
     rank = _ranks(bodies, place)
     patches = ordered_patches(body, carried, rank) if contact else []
@@ -161,13 +161,14 @@ def attach(
     add_scaling(own, local, body.deformable, body.materials)
     own.default.name = _default_name(spec, name)[1:]  # its own would meet that of a soft body with the same prefix
     try:
-        place.holder.add_frame(pos=place.pos, quat=place.quat).attach_body(inner, prefix, "")
+        place.holder.add_frame().attach_body(inner, prefix, "")
     except ValueError as error:
         raise MjframesError(
             f"{name}: MuJoCo cannot attach the soft body ({reason(error)}); where another one has the name, or had it, "
             f"mf.detach(spec, {name!r}) takes out what is left of that."
         ) from error
     inner.name = name  # of one letter it has a separator behind it
+    inner.pos, inner.quat = place.pos, place.quat  # not the frame's: PyMJCF knows no <frame>
     if patches:
         reserve_memory(spec)
     if place.bodies:  # with bones that the soft body's own spec does not have

@@ -85,18 +85,6 @@ def test_the_seed_decides_how_an_episode_starts(task: str) -> None:
     assert not any(np.array_equal(one, other) for one, other in itertools.combinations((*starts[:2], *starts[4:]), 2))
 
 
-def test_pymjcf_gets_bodies_where_their_frames_were() -> None:
-    from mjframes.dm.run import _without_frames
-
-    xml = """<mujoco><worldbody><body name="link" pos="1 0 0"><geom size="1"/>
-        <frame pos="0 2 0" quat="0 1 0 0"><body name="meat"><geom size="1"/></body></frame>
-        </body></worldbody></mujoco>"""
-    before, after = (mujoco.MjModel.from_xml_string(some) for some in (xml, _without_frames(xml)))
-    assert "<frame" not in _without_frames(xml)
-    np.testing.assert_array_equal(after.body_pos, before.body_pos)
-    np.testing.assert_array_equal(after.body_quat, before.body_quat)
-
-
 def test_an_episode_ends_after_ten_seconds_and_rewards_the_height() -> None:
     environment = dm.load("lift_steak_features", 2)
     environment.reset()

@@ -77,8 +77,7 @@ def test_a_saved_scene_steps_to_the_same_bits() -> None:
 def test_a_saved_scene_can_be_attached_with_a_prefix() -> None:
     outer = mujoco.MjSpec.from_string(FLOOR)
     inner = mujoco.MjSpec.from_string(saved_beam())
-    place = outer.worldbody.add_frame(pos=[0, 0, 0.1], quat=PRINTABLE)  # MuJoCo leaves out the frame it was in
-    place.attach_body(inner.body("soft0"), "left_", "")
+    outer.worldbody.add_frame().attach_body(inner.body("soft0"), "left_", "")
     model = outer.compile()
     attached = soft(model, mujoco.MjData(model), "left_soft0")
     direct = soft(*compiled(FLOOR, (beam(beta=0.001), (0, 0, 0.1), PRINTABLE), contact=Contact(dents=True)), "soft0")

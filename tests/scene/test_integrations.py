@@ -22,6 +22,7 @@ from mjframes.frames.supports import Attached
 from mjframes.scene import plugin
 from mjframes.scene.attach import BranchWarning, attach
 from mjframes.scene.sensors import add_sensor
+from mjframes.scene.view import soft_names
 
 FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -123,6 +124,22 @@ def test_dm_control_steps_to_the_same_bits() -> None:
     np.testing.assert_array_equal(physics.data.qpos, data.qpos)
     np.testing.assert_array_equal(physics.data.qvel, data.qvel)
     assert physics.named.data.xpos["soft0:3"].shape == (3,)
+
+
+@pytest.mark.dm_control
+def test_pymjcf_reads_soft_bodies_where_they_were_put(tmp_path: Path) -> None:
+    from dm_control import mjcf
+
+    path = tmp_path / "scene.xml"
+    path.write_text(scene())
+    read = mjcf.Physics.from_mjcf_model(mjcf.from_path(str(path))).model.ptr
+    model = loaded()
+    assert model.body("soft2").quat[0] == 0.8
+    assert soft_names(read) == soft_names(model)
+    for own in ("body_pos", "body_quat", "body_ipos", "body_parentid", "skin_bonebodyid", "skin_bonebindpos"):
+        np.testing.assert_array_equal(getattr(read, own), getattr(model, own), own)
+    data, again = mujoco.MjData(model), mujoco.MjData(read)
+    np.testing.assert_array_equal(stepped(read, again), stepped(model, data))
 
 
 def test_a_process_with_nothing_but_mujoco_runs_the_scene(tmp_path: Path) -> None:
