@@ -21,7 +21,7 @@ from mjframes.app.dented import draw_dents
 from mjframes.base.errors import MjframesError, reason
 from mjframes.base.files import replacing
 from mjframes.base.packages import optional
-from mjframes.scene.load import require_data, require_model
+from mjframes.scene.load import require_model, require_state
 
 QUALITY = {"crf": "20", "preset": "veryfast"}  # of x264: no visible loss, and faster than the drawing
 # As Foxglove needs it: a picture a packet, in order, one a second that can be decoded without those before; x264's own
@@ -155,8 +155,7 @@ def still(
     MjframesError
         For an unknown camera, and if drawing fails.
     """
-    require_model(model)
-    require_data(data)
+    require_state(model, data)
     with painter(model, camera, size) as paint:
         return paint(data)
 

@@ -12,10 +12,11 @@ toast(slices=3)
 
 from __future__ import annotations
 
+import difflib
 import functools
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, ParamSpec, TypeVar
 
@@ -79,21 +80,41 @@ def require_choices(options: Any) -> None:
 
 
 def taking(options: Callable[P, T]) -> Callable[[Callable[[T], R]], Callable[P, R]]:
-    """Return a decorator: the function is called with the arguments of a dataclass, in place of an instance of it."""
+    """Return a decorator: the function is called with the arguments of a dataclass, in place of an instance of it.
+
+    It raises MjframesError for arguments that the dataclass does not take.
+    """
+    signature = inspect.signature(options)
 
     def decorate(function: Callable[[T], R]) -> Callable[P, R]:
         @functools.wraps(function)
         def called(*arguments: P.args, **named: P.kwargs) -> R:
+            _require_known(function.__name__, named, list(signature.parameters))
+            try:
+                signature.bind(*arguments, **named)
+            except TypeError as error:
+                raise MjframesError(
+                    f"{function.__name__}: {error}; it takes {', '.join(signature.parameters)}."
+                ) from error
             return function(options(*arguments, **named))
 
         result = inspect.signature(function).return_annotation
-        called.__dict__["__signature__"] = inspect.signature(options).replace(return_annotation=result)
+        called.__dict__["__signature__"] = signature.replace(return_annotation=result)
         if isinstance(options, type):
             before, raises, after = str(inspect.getdoc(function)).partition("\nRaises\n")
             called.__doc__ = f"{before.rstrip()}\n\n{listed(options)}\n{raises}{after}".rstrip()
         return called
 
     return decorate
+
+
+def _require_known(function: str, given: Iterable[str], known: Sequence[str]) -> None:
+    """Raise MjframesError for the first name that is none of an option, with the one that is most alike."""
+    for name in given:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            right = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}."
+            raise MjframesError(f"{function} has no option {name}; {right}")
 
 
 def listed(kind: type) -> str:

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from mjframes.scene import view
+from mjframes.scene.load import require_state
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -31,7 +32,13 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     -------
     array
         M (nv, nv) [kg, and kg m² for rotations].
+
+    Raises
+    ------
+    MjframesError
+        If `data` is not of the model.
     """
+    require_state(model, data)
     before = data.M.copy()
     mujoco.mj_makeM(model, data)
     inertia = np.zeros((model.nv, model.nv))
@@ -58,7 +65,13 @@ def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[None]:
     ----------
     model, data
         The compiled model and its state.
+
+    Raises
+    ------
+    MjframesError
+        If `data` is not of the model.
     """
+    require_state(model, data)
     before = data.M.copy(), data.qLD.copy(), data.qLDiagInv.copy()
     rows = np.repeat(np.arange(model.nv), model.M_rownnz)
     try:

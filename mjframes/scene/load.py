@@ -71,6 +71,22 @@ def require_data(data: object) -> None:
         raise MjframesError(f"data is a {type(data).__name__}; give the MjData of the model.")
 
 
+def require_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Raise MjframesError for what is no compiled model with a state of it; a copy of the model has the same states."""
+    require_model(model)
+    require_data(data)
+    sizes = {
+        "bodies": (len(data.xpos), model.nbody),
+        "qpos": (len(data.qpos), model.nq),
+        "qvel": (len(data.qvel), model.nv),
+    }
+    for what, (found, expected) in sizes.items():
+        if found != expected:
+            raise MjframesError(
+                f"data is of another model: it has {found} {what}, the model {expected}; give mujoco.MjData(model)."
+            )
+
+
 def start(model: mujoco.MjModel, warnings: list[str]) -> mujoco.MjData:
     """Return the scene's initial state.  warnings: what MuJoCo warned of, see `mujoco_warnings`.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
 from mjframes.scene.links import Pose, compose, inverse, pose, quaternion, require_pose
+from mjframes.scene.load import require_state
 from mjframes.scene.view import instance_of
 
 Array = NDArray[np.float64]
@@ -108,6 +109,7 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, name: str, pos: Vector, qu
     MjframesError
         If the model has no such soft body, if something holds it, and for a pose that is none.
     """
+    require_state(model, data)
     found = placing(model, name)
     data.qpos[found.qpos] = found.coordinates(pos, quat)
     data.qvel[found.qvel] = 0

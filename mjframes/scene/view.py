@@ -22,7 +22,7 @@ from mjframes.elasticity.shares import scaled
 from mjframes.scene import forces, scaling
 from mjframes.scene.identity import asset_key, recall
 from mjframes.scene.instability import GROWN, spread, warn
-from mjframes.scene.load import require_data, require_model
+from mjframes.scene.load import require_state
 from mjframes.scene.material_points import MaterialPoints, material_points
 from mjframes.scene.plugin_text import ATTRIBUTES, decode, decode_slopes, rows_of, soft_name
 
@@ -519,10 +519,9 @@ def soft(model: mujoco.MjModel, data: mujoco.MjData, name: str, body: SoftBody |
     Raises
     ------
     MjframesError
-        If the model has no soft body of that name, or it was made of another body.
+        If the model has no soft body of that name, or it was made of another body, or `data` is not of the model.
     """
-    require_model(model)
-    require_data(data)
+    require_state(model, data)
     instance = instance_of(model, name)
     configuration = _configuration(model, instance)
     carriers = np.flatnonzero(model.body_plugin == instance)

@@ -251,6 +251,14 @@ def test_a_folder_of_other_things_is_left_alone(scene: Path, tmp_path: Path) -> 
     assert contents(tmp_path) == {"plan.json": b"mine"}
 
 
+def test_the_scene_is_a_file(tmp_path: Path) -> None:
+    call: Any = collect
+    with pytest.raises(MjframesError, match=r"^scene is a MjModel; give the path of an MJCF file \(\.xml\)\.$"):
+        call(mujoco.MjModel.from_xml_string("<mujoco/>"), tmp_path, worlds=2)
+    with pytest.raises(MjframesError, match=r"^out is a NoneType; give the path of a folder\.$"):
+        call("scene.xml", None, worlds=2)
+
+
 @pytest.mark.parametrize(
     ("changed", "told"),
     thinned(

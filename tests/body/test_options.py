@@ -87,3 +87,15 @@ def test_a_wrong_option_is_named_before_anything_runs(wrong: dict[str, Any], mes
 def test_pages_have_the_tables_of_the_code(page: str, name: str) -> None:
     now = (Path(tables.FOLDER) / page).read_text(encoding="utf-8")
     assert tables.written(page, name, tables.TABLES[page, name]()) == now, "run python docs/tables.py"
+
+
+def test_arguments_that_build_does_not_take_are_told_in_a_sentence() -> None:
+    call: Any = mf.build
+    with pytest.raises(MjframesError, match=r"^build has no option wheights; did you mean weights\?$"):
+        call(mixed(), wheights=3)
+    with pytest.raises(MjframesError, match=r"^build has no option cells; it has volume, frames, error, at, .*\.$"):
+        call(mixed(), cells=3)
+    with pytest.raises(MjframesError, match=r"^build: missing a required argument: 'volume'; it takes volume, frames,"):
+        call()
+    with pytest.raises(MjframesError, match=r"^build: too many positional arguments; it takes volume, frames,"):
+        call(mixed(), 3, 0.1)

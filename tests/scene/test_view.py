@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -21,6 +25,7 @@ from builders.scenes import (
 )
 from scipy.spatial.transform import Rotation
 
+import mjframes as mf
 from mjframes.base.errors import MjframesError
 from mjframes.elasticity.corotational import CorotationalRegion
 from mjframes.scene.view import soft, soft_names
@@ -34,6 +39,25 @@ def test_names_are_those_of_the_soft_bodies() -> None:
         soft(model, data, "soft")
     with pytest.raises(MjframesError, match=r"are: none\."):
         soft(*compiled(FLOOR), "soft")
+
+
+def test_a_state_of_another_model_is_refused() -> None:
+    model, data = compiled(FLOOR, (lump(), (0, 0, 1), TILTED))
+    other = compiled(FLOOR)[1]
+    takers: list[Callable[[Any, Any], Any]] = [
+        lambda model, data: mf.soft(model, data, "soft0"),
+        lambda model, data: mf.place(model, data, "soft0", (0, 0, 1)),
+        mf.mass_matrix,
+        mf.still,
+    ]
+    for take in takers:
+        with pytest.raises(MjframesError, match=r"^data is of another model: it has 1 bodies, .*; give mujoco\.MjData"):
+            take(model, other)
+        with pytest.raises(MjframesError, match=r"^data is a NoneType; give the MjData of the model\.$"):
+            take(model, None)
+        with pytest.raises(MjframesError, match=r"^model is a MjData; give the MjModel"):
+            take(data, model)
+    assert mf.soft(copy.copy(model), data, "soft0").name == "soft0"
 
 
 def test_a_view_holds_what_was_built() -> None:

@@ -81,6 +81,9 @@ class CollectOptions:
     progress: bool = field(default=False, metadata=option("whether to show a progress bar on a terminal"))
 
     def __post_init__(self) -> None:
+        for name, right in (("scene", "the path of an MJCF file (.xml)"), ("out", "the path of a folder")):
+            if not isinstance(value := getattr(self, name), (str, os.PathLike)):
+                raise MjframesError(f"{name} is a {type(value).__name__}; give {right}.")
         for name, least in (("worlds", 1), ("seed", 0), ("shard", 1), ("threads", 1)):
             value = getattr(self, name)
             is_whole = isinstance(value, int) and not isinstance(value, bool) and value >= least
