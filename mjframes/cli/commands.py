@@ -166,9 +166,9 @@ def replay(arguments: argparse.Namespace) -> int:
     from mjframes.app.log.read import read_log
     from mjframes.app.replay import film_of, plot_of, state_at
 
+    log = read_log(arguments.log, arguments.world)
     if not (arguments.video or arguments.plot or arguments.state is not None):
         raise MjframesError("nothing is asked for; give --video, --plot or --state.")
-    log = read_log(arguments.log, arguments.world)
     if not log.whole:
         end = log.states()[-1]["time"]
         print(f"mjframes: {arguments.log}: the log was cut off at {end:g} s; what is there is used.", file=sys.stderr)

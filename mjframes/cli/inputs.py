@@ -95,6 +95,8 @@ def read_volume(
     if not all(is_mesh):
         other = files[is_mesh.index(False)]
         raise MjframesError(f"{other}: meshes are given and this is none; give either one label image or meshes.")
+    if absent := [file for file in files if not Path(file).is_file()]:
+        raise MjframesError(f"{absent[0]}: there is no such file; give the path of a mesh.")
     labels = range(1, len(files) + 1)
     materials = _with_default(materials, list(labels), {})
     if missing := [label for label in labels if label not in materials.by_label]:

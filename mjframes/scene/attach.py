@@ -19,7 +19,7 @@ from mjframes.base.errors import MjframesError, Notice, reason
 from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import PARENT
 from mjframes.scene import links, plugin
-from mjframes.scene.carriers import Carrier, carriers, printable, printable_quaternion
+from mjframes.scene.carriers import Carrier, carriers, printable, printable_quaternion, too_small
 from mjframes.scene.contact import Contact
 from mjframes.scene.detach import detach
 from mjframes.scene.identity import remember
@@ -108,8 +108,8 @@ def attach(
     Raises
     ------
     MjframesError
-        For a name that cannot be used, for bodies that the spec does not have, for tendons outside the material, and if
-        the plugin cannot be loaded.
+        For a name that cannot be used, for bodies that the spec does not have, for tendons outside the material, for a
+        body of a few hundredths of a millimetre, and if the plugin cannot be loaded.
 
     Warns
     -----
@@ -140,6 +140,8 @@ def attach(
             stacklevel=2,
         )
     carried = carriers(body, place.links)
+    if any(carrier.joints and not carrier.mass for carrier in carried):
+        raise too_small(body, name)
     # MuJoCo wants a prefix when it attaches: the first letter of the name, which makes the names come out right
     prefix, local = name[0], name[1:]
     own = mujoco.MjSpec()

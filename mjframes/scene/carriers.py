@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjframes.base.errors import MjframesError
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.links import Pose, compose, inverse, quaternion
 
@@ -97,6 +98,15 @@ def carrier_of(carried: Sequence[Carrier]) -> np.ndarray:
     for c, carrier in enumerate(carried):
         found[carrier.points] = c
     return found
+
+
+def too_small(body: SoftBody, name: str) -> MjframesError:
+    """Return what to raise for a body whose masses or meshes are none for MuJoCo."""
+    size = np.ptp(body.control.rest, axis=0).max()
+    return MjframesError(
+        f"{name}: its control points span {1e6 * size:.2g} µm, too little for MuJoCo's masses and meshes; give lengths "
+        "in metres (spacing, scale, --unit), or model it larger."
+    )
 
 
 def printable(values: np.ndarray | np.floating | float) -> list[float]:

@@ -11,13 +11,14 @@ import numpy as np
 
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import plugin
-from mjframes.scene.carriers import Carrier, printable
+from mjframes.scene.carriers import Carrier, printable, too_small
 from mjframes.scene.contact import Contact
 from mjframes.scene.patches import Patch
 from mjframes.scene.plugin_text import SEPARATOR, soft_name
 
 PATCH_GROUP = 4  # geom group of the patches' bounding boxes: not drawn unless asked for
 THIN = 1 / 32  # [-] half the width of a patch's mesh where its tips meet, to that of the box around it
+LEAST_VOLUME = 1.1e-15  # [m³] MuJoCo takes 1e-15 of a mesh; the rest is for rounding
 BOUNDS = 2.0  # [-] a patch may stretch to this multiple of its size at rest before the broad phase loses it
 
 CONTACT = 80  # [bytes] that MuJoCo takes for each contact that a pair of geoms may have, while it looks for them …
@@ -40,6 +41,8 @@ def add_patches(
     bodies: of the `carried`.
     """
     for carrier, reach in _reaches(body, carried, patches).items():
+        if 8 * THIN**2 * (BOUNDS * reach) ** 3 < LEAST_VOLUME:
+            raise too_small(body, name)
         add_bounds(own, f"{name[1:]}{SEPARATOR}bounds_{carrier}", BOUNDS * reach)
     own.activate_plugin(plugin.PATCH_NAME)
     owners: set[str] = set()

@@ -454,7 +454,7 @@ def test_a_log_that_is_cut_off_gives_what_it_has(tmp_path: Path, monkeypatch: py
         assert again.steps == len(again.instants)
         counts.append(again.steps)
     assert 0 < counts[0] < counts[1] < counts[2] < recording.steps
-    (tmp_path / "cut.mcap").write_bytes(content[:50])
+    (tmp_path / "cut.mcap").write_bytes(content[:20])
     with pytest.raises(MjframesError, match=r"cut\.mcap: not a log that mjframes wrote \(it does not say of what\)"):
         read_log(tmp_path / "cut.mcap")
     from mcap.reader import make_reader
@@ -470,6 +470,20 @@ def test_a_log_that_is_cut_off_gives_what_it_has(tmp_path: Path, monkeypatch: py
     (tmp_path / "cut.mcap").write_bytes(damaged)
     with pytest.raises(MjframesError, match=r"cut\.mcap: not a log that mjframes wrote, or a damaged one"):
         read_log(tmp_path / "cut.mcap")
+
+
+def test_a_log_that_is_cut_off_at_its_scene_says_so(tmp_path: Path) -> None:
+    path, spec = tmp_path / "a.mcap", mujoco.MjSpec.from_string(ROOM)
+    record(spec.compile(), 0.1, log=Log(path, topics=("state",)), scene=spec)
+    content = path.read_bytes()
+    entry = content.index(b"timestep")
+    for end in (50, entry // 2, entry):
+        path.write_bytes(content[:end])
+        with pytest.raises(MjframesError, match=r"a\.mcap: the log was cut off before its first entry; nothing of it"):
+            read_log(path)
+    path.write_bytes(content[: entry + 200])
+    with pytest.raises(MjframesError, match=r"a\.mcap: the log was cut off, and what is left has no states\."):
+        read_log(path).states()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no such signal")

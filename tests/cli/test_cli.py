@@ -83,6 +83,8 @@ def test_a_log_is_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     shown = film(video)
     assert len(shown) == 6
     assert min(share(frame, "red") for frame in shown) > 0.1
+    assert main(["replay", str(log)]) == 2
+    assert "nothing is asked for; give --video, --plot or --state" in capsys.readouterr().err
     log.write_bytes(log.read_bytes()[:-500])  # as a killed run leaves it
     assert main(["replay", str(log), "--state", "0"]) == 0
     assert re.search(r"^mjframes: .*run\.mcap: the log was cut off at 0\.19 s; .*\n$", capsys.readouterr().err)
@@ -97,7 +99,7 @@ def test_a_log_is_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         (["run", "scene.xml", "--duration", ".1", "--video", "a.mp4", "--camera", "x"], "it has no named cameras"),
         (["run", "scene.xml", "--log-rate", "5"], "--log-rate and --log-topics are of a log; give --log FILE.mcap"),
         (["run", "scene.xml", "--log", "a.mcap", "--log-topics", "state,sound"], "'sound' is none of state, energy"),
-        (["replay", "none.mcap"], "nothing is asked for; give --video, --plot or --state"),
+        (["replay", "none.mcap"], "none.mcap: the log cannot be read (No such file or directory)"),
         (["replay", "none.mcap", "--state", "0"], "none.mcap: the log cannot be read"),
         (["view", "scene.xml", "--port", "80"], "--host and --port are of a page; give --web as well"),
         (["view", "scene.xml", "--web", "--port", "x"], "'x' is not a whole number from 0 to 65535"),
@@ -113,6 +115,7 @@ def test_a_log_is_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         (["build", "none.obj", "-o", "a.xml", "--unit", "mm", "--scale", "2"], "not allowed with"),
         (["build", "none.obj", "-o", "a.xml", "--scale", "-2"], "'-2' is not a positive number"),
         (["build", "none.obj", "-o", "a.xml", "--voxels", "9", "--material", FLESH], "none.obj: there is no such file"),
+        (["build", "none.stl", "-o", "a.xml"], "none.stl: there is no such file; give the path of a mesh"),
         (["build", "none.npz", "-o", "a.xml", "--seed", "-1"], "'-1' is not a whole number from 0 on"),
         (["build", "none.npz", "-o", "new/folder/a.xml"], "none.npz: there is no such file"),
         (["build", "none.npz", "-o", "a.npz", "--fragment"], "--into and --fragment write MJCF"),

@@ -405,3 +405,16 @@ def test_other_joints_are_refused(warnings: list[str]) -> None:
     xml = saved_beam().replace('type="slide" axis="0 1 0"', 'type="hinge" axis="0 1 0"', 1)
     with pytest.raises(ValueError, match="each of its bodies has to have slide joints along x, y, z"):
         mujoco.MjModel.from_xml_string(xml)
+
+
+@pytest.mark.parametrize("contact", [True, False])
+def test_a_body_too_small_for_mujoco_is_refused(contact: bool) -> None:
+    rubber = Material(1e5, 0.4, 1000)
+    tiny, small = (build(Volume.box(size, rubber, spacing=size / 6), frames=2) for size in (1e-5, 1e-4))
+    spec = mujoco.MjSpec()
+    with pytest.raises(
+        MjframesError, match=r"^dot: its control points span [0-9.]+ µm, too little for MuJoCo's masses"
+    ):
+        attach(spec, tiny, "dot", contact=contact)
+    attach(spec, small, "dot", contact=contact)
+    spec.compile()

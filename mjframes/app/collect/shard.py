@@ -18,7 +18,7 @@ from mjframes.app.collect.plan import engine
 from mjframes.app.collect.worlds import Stepping, Worlds
 from mjframes.app.log.numbers import NUMBERS, json_schema, nanoseconds_of, sensor_fields, sensor_message
 from mjframes.app.log.worlds import WORLD, world_topic
-from mjframes.app.log.write import METADATA, attach
+from mjframes.app.log.write import LIBRARY, METADATA, attach
 from mjframes.app.measure import weight_of
 from mjframes.base.errors import MjframesError
 from mjframes.scene.packed import unpack
@@ -55,7 +55,7 @@ def _written(model: mujoco.MjModel, files: Mapping[str, bytes], numbers: range, 
 
     stream = io.BytesIO()
     writer = Writer(stream)
-    writer.start(profile="", library="mjframes")
+    writer.start(profile="", library=LIBRARY)
     attach(writer, files)
     about = {"timestep": model.opt.timestep, "weight": weight_of(model), "mujoco": mujoco.mj_versionString()}
     writer.add_metadata(METADATA, {key: str(value) for key, value in about.items()})

@@ -17,7 +17,7 @@ import numpy as np
 
 from mjframes.app.log.numbers import instants, require_message
 from mjframes.app.log.worlds import WORLD, world_of
-from mjframes.app.log.write import METADATA, attached
+from mjframes.app.log.write import LIBRARY, METADATA, attached
 from mjframes.app.recording import Recording, State
 from mjframes.base.archive import DAMAGED
 from mjframes.base.errors import MjframesError, reason
@@ -46,6 +46,8 @@ class Logged:
         """Return the messages of /state.  Raise MjframesError where there are none, and where they differ in length."""
         self._of_one()
         found = self.messages.get("/state", [])
+        if not found and not self.whole:
+            raise MjframesError(f"{self.path}: the log was cut off, and what is left has no states.")
         if not found:
             raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
         for state in found:
@@ -104,7 +106,7 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
     Raise MjframesError for a file that cannot be read, is damaged or is no log of ours, and where it has no such world.
     """
     from mcap.exceptions import McapError
-    from mcap.records import Attachment, Channel, Message, Metadata
+    from mcap.records import Attachment, Channel, Header, Message, Metadata
     from mcap.stream_reader import StreamReader
     from zstandard import ZstdError
 
@@ -113,12 +115,14 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
     about: dict[str, str] = {}
     topics: dict[int, str] = {}
     worlds: set[int] = set()
-    whole = False
+    whole = ours = False
     try:
         with open(path, "rb") as stream:
             try:
                 for record in StreamReader(stream, validate_crcs=True).records:
-                    if isinstance(record, Channel) and record.message_encoding == "json":
+                    if isinstance(record, Header):
+                        ours = record.library == LIBRARY
+                    elif isinstance(record, Channel) and record.message_encoding == "json":
                         own = world_of(record.topic)
                         worlds |= {own[0]} if own else set()
                         if own is None or own[0] == world:
@@ -141,6 +145,8 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
                     ) from error
     except OSError as error:
         raise MjframesError(f"{path}: the log cannot be read ({error.strerror}).") from error
+    if "timestep" not in about and ours and not whole:
+        raise MjframesError(f"{path}: the log was cut off before its first entry; nothing of it can be read.")
     if "timestep" not in about:
         raise MjframesError(f"{path}: not a log that mjframes wrote (it does not say of what).")
     _require_facts(path, about)

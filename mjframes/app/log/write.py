@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from mjframes.app.log.drawing import Drawing
     from mjframes.app.recording import Instant, State
 
+LIBRARY = "mjframes"  # what a log's header says that it was written by
 METADATA = "mjframes"  # name of the records of what the run was
 FLUSH = 5.0  # [s] of wall time: so much of a run that is killed may be missing
 CHUNK = 1 << 22  # [bytes] of messages, at most: the triangles, the same in all of them, are packed once in each
@@ -118,7 +119,7 @@ def log_file(
     mcap = optional("mcap.writer", "a log", "log")
     with replacing(path, "the log") as partial, partial.open("wb") as stream:
         writer = mcap.Writer(stream, CHUNK)
-        writer.start(profile="", library="mjframes")
+        writer.start(profile="", library=LIBRARY)
         attach(writer, files)
         yield LogWriter(writer, model, soft_names, topics)
         writer.finish()
