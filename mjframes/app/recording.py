@@ -9,6 +9,7 @@ import numpy as np
 
 STILL = 1e-6  # [m], [rad] that all has to fall, or a coordinate to go, for an energy that is worth a number
 NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a number
+DRIVEN = "; the work of the actuators is in it"
 ELASTIC_ALONE = ", of elastic energy alone: steps that turn very stiff bodies stretch them a little"
 
 
@@ -59,7 +60,7 @@ class Recording:
     instants: at most RECORDS of them, evenly spread.  states: at these instants; of a log, those that it has.
     steps: number of `mj_step` calls.  seconds: wall time in them, NaN where that is not known.  timestep: [s].
     weight: of all that moves [N].
-    log_seconds: wall time that a log took, NaN without one.
+    log_seconds: wall time that a log took, NaN without one.  driven: whether actuators ever pushed; not in a log.
     """
 
     instants: tuple[Instant, ...]
@@ -69,6 +70,7 @@ class Recording:
     timestep: float
     weight: float
     log_seconds: float = math.nan
+    driven: bool = False
 
     @property
     def steps_per_second(self) -> float:
@@ -152,7 +154,8 @@ def _balance(recording: Recording) -> str:
     gain = recording.energy_gain
     above = f"{gain:.2g} J ({gain / scale:.1%})" if gain > NOTABLE * scale else "never"
     alone = recording.motion_gain <= NOTABLE * scale < gain
+    why = DRIVEN if recording.driven and gain > NOTABLE * scale else ELASTIC_ALONE if alone else ""
     return (
         f"{scale:.3g} J moved; kinetic, potential and elastic energy are {end} at the end than at the start, "
-        f"and {above} above it in between{ELASTIC_ALONE if alone else ''}"
+        f"and {above} above it in between{why}"
     )

@@ -140,6 +140,7 @@ class _Made:
         self._instants: list[Instant] = []
         self._states: list[State] = []
         self._seconds = self._deepest = 0.0
+        self._driven = False
         self.state = state_of(data)
 
     def step(self, number: int, warnings: list[str], logging: Logging | None) -> None:
@@ -149,6 +150,7 @@ class _Made:
         begin = time.perf_counter()
         mujoco.mj_step(model, data)
         self._seconds += time.perf_counter() - begin
+        self._driven = self._driven or bool(data.qfrc_actuator.any())
         if data.warning.number[DIVERGED].any():
             reason = warnings[-1] if warnings else f"Time = {self.state.time:.4f}."
             raise MjframesError(
@@ -180,6 +182,7 @@ class _Made:
             self._model.opt.timestep,
             weight_of(self._model),
             log_seconds,
+            self._driven,
         )
 
 

@@ -288,6 +288,18 @@ def test_the_energy_of_stiff_strains_is_told_apart() -> None:
     assert told((0, 10, 0), (1e-12, 10, 5e3), (0, 10, 0)) == "energy        nothing moved"
 
 
+@pytest.mark.parametrize(("control", "is_told"), [(50.0, True), (0.0, False)])
+def test_the_line_on_energy_names_the_work_of_actuators(control: float, is_told: bool) -> None:
+    motor = '<actuator><motor name="motor" joint="hinge"/></actuator></mujoco>'
+    swing = (
+        '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></worldbody>'
+    )
+    line = summary(record(mujoco.MjModel.from_xml_string(swing + motor), 0.2, ctrl={"motor": -control})).splitlines()[
+        -1
+    ]
+    assert line.endswith("above it in between; the work of the actuators is in it") == is_told
+
+
 @pytest.mark.parametrize("shape", ["cube", "ball", "rod", "plate"])
 def test_the_camera_sees_all_of_the_body_wherever_it_goes(shape: str) -> None:
     a, b, c = np.indices((10, 10, 10)) - 4.5
