@@ -404,3 +404,23 @@ def test_a_lid_closes_an_opening() -> None:
     data = mujoco.MjData(closed)
     mujoco.mj_forward(closed, data)
     assert data.ten_length[0] == pytest.approx(9 * 9 * SPACING**3, rel=1e-5)
+
+
+def test_a_cable_of_few_stops_is_a_bowstring() -> None:
+    """Tips of a bar that a cable bends to a circle, over the circle's: by a cable of two stops 34 % too far."""
+    bar = mf.Volume.box((0.03, 0.03, 0.24), mf.Material(5e4, 0.45, 1000), spacing=0.005)
+    body = mf.build(bar, 8, supports=mf.Fixed(bar.side("z")), damping=(6, 0.01))
+    ratios = {}
+    for count, tension in ((2, 0.2), (4, 1.0), (8, 2.0)):
+        spec = mujoco.MjSpec.from_string("<mujoco><option gravity='0 0 0'/></mujoco>")
+        stops = [(0.012, 0, z) for z in np.linspace(0.119, -0.116, count)]
+        attached = mf.attach(spec, body, "bar", tendons={"cable": mf.Fibre(stops)}, contact=False)
+        spec.add_actuator(target="cable", trntype=mujoco.mjtTrn.mjTRN_TENDON)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        data.ctrl[0] = -tension
+        mujoco.mj_step(model, data, nstep=3000)
+        curvature = tension * 0.012 / (5e4 * 0.03**4 / 12)
+        circle = (1 - np.cos(0.235 * curvature)) / curvature
+        ratios[count] = float(attached.soft(model, data).positions([(0, 0, -0.1175)])[0, 0]) / circle
+    assert ratios == pytest.approx({2: 1.34, 4: 1.06, 8: 0.935}, abs=0.02)
