@@ -147,6 +147,7 @@ def attach(
     own = mujoco.MjSpec()
     own.activate_plugin(plugin.NAME)
     instance = own.add_plugin(name=instance_name(name)[1:], plugin_name=plugin.NAME, active=True)
+    # it has no mass; without an inertial MuJoCo would take its place, which comes later, for that of one
     inner = own.worldbody.add_body(name=instance.name, explicitinertial=True, ipos=[0, 0, 0], iquat=[1, 0, 0, 0])
     bodies = _add_bodies(inner, carried, place.bodies, name)
     rank = _ranks(bodies, place)

@@ -65,16 +65,11 @@ def require_model(model: object) -> None:
         raise MjframesError(f"model is a {type(model).__name__}; give the MjModel that spec.compile() returns.")
 
 
-def require_data(data: object) -> None:
-    """Raise MjframesError for what is no state of a model."""
-    if not isinstance(data, mujoco.MjData):
-        raise MjframesError(f"data is a {type(data).__name__}; give the MjData of the model.")
-
-
 def require_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Raise MjframesError for what is no compiled model with a state of it; a copy of the model has the same states."""
     require_model(model)
-    require_data(data)
+    if not isinstance(data, mujoco.MjData):
+        raise MjframesError(f"data is a {type(data).__name__}; give the MjData of the model.")
     sizes = {
         "bodies": (len(data.xpos), model.nbody),
         "qpos": (len(data.qpos), model.nq),

@@ -294,9 +294,8 @@ def test_the_line_on_energy_names_the_work_of_actuators(control: float, is_told:
     swing = (
         '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></worldbody>'
     )
-    line = summary(record(mujoco.MjModel.from_xml_string(swing + motor), 0.2, ctrl={"motor": -control})).splitlines()[
-        -1
-    ]
+    made = record(mujoco.MjModel.from_xml_string(swing + motor), 0.2, ctrl={"motor": -control})
+    line = summary(made).splitlines()[-1]
     assert line.endswith("above it in between; the work of the actuators is in it") == is_told
 
 

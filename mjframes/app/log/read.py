@@ -46,9 +46,9 @@ class Logged:
         """Return the messages of /state.  Raise MjframesError where there are none, and where they differ in length."""
         self._of_one()
         found = self.messages.get("/state", [])
-        if not found and not self.whole:
-            raise MjframesError(f"{self.path}: the log was cut off, and what is left has no states.")
         if not found:
+            if not self.whole:
+                raise MjframesError(f"{self.path}: the log was cut off, and what is left has no states.")
             raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
         for state in found:
             for key in ("qpos", "qvel", "act"):
@@ -145,9 +145,9 @@ def read_log(path: str | os.PathLike[str], world: int | None = None) -> Logged:
                     ) from error
     except OSError as error:
         raise MjframesError(f"{path}: the log cannot be read ({error.strerror}).") from error
-    if "timestep" not in about and ours and not whole:
-        raise MjframesError(f"{path}: the log was cut off before its first entry; nothing of it can be read.")
     if "timestep" not in about:
+        if ours and not whole:
+            raise MjframesError(f"{path}: the log was cut off before its first entry; nothing of it can be read.")
         raise MjframesError(f"{path}: not a log that mjframes wrote (it does not say of what).")
     _require_facts(path, about)
     if world is not None and world not in worlds:
