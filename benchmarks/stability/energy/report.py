@@ -50,7 +50,8 @@ def summary(found: Sequence[Found]) -> list[str]:
     for measure, what in VERDICTS.items():
         wrong = [sum(not number.passes for number in body.of(measure)) for body in found]
         if total := sum(len(body.of(measure)) for body in found):
-            lines.append(f"{sum(wrong)} of {total} {what}, of {np.count_nonzero(wrong)} bodies.")
+            bodies = f", in {np.count_nonzero(wrong)} of {len(found)} bodies" if any(wrong) else ""
+            lines.append(f"{sum(wrong)} of {total} {what}{bodies}.")
     doubts = [number.others["doubt"] for body in found for number in body.of(LOOP)]
     if unknown := sum(doubt > LOOP_LIMIT for doubt in doubts):
         lines.append(
