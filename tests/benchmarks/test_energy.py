@@ -20,7 +20,7 @@ from benchmarks.stability.energy import bodies, loops, motions, order, recovery
 from benchmarks.stability.energy.bodies import Subject, subjects
 from benchmarks.stability.energy.report import HEADER, summary, table, write
 from benchmarks.stability.energy.shapes import SHAPES, VOXELS, drawn
-from benchmarks.stability.energy.trial import GAIN, LOOP, QUICK, RETURN, Job, measured
+from benchmarks.stability.energy.trial import GAIN, LOOP, QUICK, RETURN, Found, Job, Number, measured
 from benchmarks.stability.energy.world import GRAVITY, World, run, world
 from benchmarks.stability.states import jacobian
 from mjframes.body.build import build
@@ -246,6 +246,14 @@ def test_a_body_is_measured_and_told_of(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == HEADER
     assert len(rows) == len(found.numbers)
+
+
+def test_the_summary_counts_the_bodies_that_were_measured() -> None:
+    blob = Subject("blob", "blob", 0, 0.1, 1e5, 0.4, 1.0, 3)
+    good, bad = (Number(RETURN, "scrambled", 2e-3, 0, value, recovery.BACK) for value in (0.0, 1.0))
+    found = [Found(blob, 1, (good, bad)), Found(blob, 1, (good,)), Found(blob, 0, (), "it cannot be built")]
+    assert summary(found) == ["1 of 3 starts do not return to the shape of rest, in 1 of 2 bodies."]
+    assert summary(found[1:]) == ["0 of 1 starts do not return to the shape of rest."]
 
 
 def test_what_cannot_be_built_says_why(tmp_path: Path) -> None:

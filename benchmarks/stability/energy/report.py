@@ -48,10 +48,11 @@ def summary(found: Sequence[Found]) -> list[str]:
     """Return lines on all bodies together."""
     lines = []
     for measure, what in VERDICTS.items():
-        wrong = [sum(not number.passes for number in body.of(measure)) for body in found]
-        if total := sum(len(body.of(measure)) for body in found):
-            bodies = f", in {np.count_nonzero(wrong)} of {len(found)} bodies" if any(wrong) else ""
-            lines.append(f"{sum(wrong)} of {total} {what}{bodies}.")
+        of_bodies = [numbers for body in found if (numbers := body.of(measure))]
+        wrong = [sum(not number.passes for number in numbers) for numbers in of_bodies]
+        if of_bodies:
+            where = f", in {np.count_nonzero(wrong)} of {len(of_bodies)} bodies" if any(wrong) else ""
+            lines.append(f"{sum(wrong)} of {sum(map(len, of_bodies))} {what}{where}.")
     doubts = [number.others["doubt"] for body in found for number in body.of(LOOP)]
     if unknown := sum(doubt > LOOP_LIMIT for doubt in doubts):
         lines.append(
