@@ -14,6 +14,7 @@ from mjframes.base.options import described, options_of
 from mjframes.body.options import BuildOptions
 from mjframes.elasticity.law_table import ALL_LAWS, LAWS
 from mjframes.elasticity.laws import law_parameters, stress
+from mjframes.elasticity.pressed import FLAT, PressedCell
 from mjframes.scene.sensors import QUANTITIES
 from mjframes.volume.images import IMAGE_TYPES
 from mjframes.volume.material import Material
@@ -35,10 +36,10 @@ def laws() -> str:
 
 
 def stretched() -> str:
-    """Return how hard bars of each law pull, to one of textbook neo-Hooke of the same E and ν, as a table."""
+    """Return how hard bars of each law pull or push, to one of textbook neo-Hooke of the same E and ν, as a table."""
     laws = {f"`{law}`": (law, {}) for law in ALL_LAWS}
     laws["`mooney_rivlin`, `c01` = 0"] = "mooney_rivlin", {"c01": 0.0}
-    cases = [(stretch, poisson) for poisson in (0.3, 0.45) for stretch in (1.2, 1.5, 2.0)]
+    cases = [(stretch, poisson) for poisson in (0.3, 0.45) for stretch in (0.6, 1.2, 1.5, 2.0)]
     rows = [[f"λ = {stretch:g}, ν = {poisson:g}" for stretch, poisson in cases], ["---"] * len(cases)]
     for law, constants in laws.values():
         bars = [(Material(1.0, poisson, 1.0, law_constants=constants), stretch) for stretch, poisson in cases]
@@ -80,11 +81,11 @@ def written(page: str, name: str, table: str) -> str:
 
 def _pull(law: str | None, material: Material, stretch: float) -> float:
     """Force of a bar that is free at its sides, by its area at rest [Pa].  law: None for textbook neo-Hooke."""
-    if law == COROTATIONAL:
-        return material.young * (stretch - 1)
 
     def piola(across: float) -> NDArray[np.float64]:
         F = np.diag([stretch, across, across])
+        if law == COROTATIONAL:
+            return _hooke(material, F)
         return _textbook(material, F) if law is None else stress(law_parameters(law, material), F[None])[0]
 
     free = root_scalar(lambda across: piola(across)[1, 1], bracket=(0.3, 1.5))
@@ -96,6 +97,14 @@ def _textbook(material: Material, F: NDArray[np.float64]) -> NDArray[np.float64]
     lam, mu = material.lame
     i1, j, inverse = (F**2).sum(), np.linalg.det(F), np.linalg.inv(F).T
     return mu * j ** (-2 / 3) * (F - i1 / 3 * inverse) + (lam + 2 / 3 * mu) * (j - 1) * j * inverse
+
+
+def _hooke(material: Material, F: NDArray[np.float64]) -> NDArray[np.float64]:
+    """P (3, 3) [Pa] of the law `corotational` for a symmetric F."""
+    lam, mu = material.lame
+    strain = F - np.eye(3)
+    pressed = PressedCell(lam * mu / (lam + mu), np.zeros((6, 0))).at(FLAT @ strain.ravel())[1] @ FLAT
+    return lam * np.trace(strain) * np.eye(3) + 2 * mu * strain + pressed.reshape(3, 3)
 
 
 def _coded(text: str) -> str:

@@ -33,6 +33,14 @@ inline constexpr double kSameShape = 1e-3;  // [-] of F at rest, to the identity
 inline constexpr double kSureTurn = 2;
 inline constexpr double kUnsureStep = 2;
 
+inline constexpr double kSqrtHalf = 0.70710678118654752440;
+
+// [-] b of pressed.h: what is pressed less is as Hooke's law has it.
+inline constexpr double kPressedBegin = 0.15;
+// [-] stretch below which pressure grows no faster.
+inline constexpr double kPressedEnd = 0.3;
+inline constexpr double kAlike = 1e-6;  // [-] between stretches that count as equal
+
 // [-] of Zᵀ U. Points whose places are rounded to 1e-6 of the region's size lie on a line to 1e-12.
 inline constexpr double kSingular = 1e-8;
 

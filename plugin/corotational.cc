@@ -1,31 +1,115 @@
 #include "corotational.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
 
 namespace mjframes {
 namespace {
 
-// The mean of K's eigenvalues on the five motions that change a region's shape and not its volume, y_j = G x̄_j of unit
-// |G| [J]: of K_e and of the cells.
-double ShearStiffness(const Region& region, const double* stiffness, const double* factors) {
-  const size_t width = 3 * static_cast<size_t>(region.size());
+using StrainMatrix = std::array<double, kStrains * kStrains>;
+
+// What K_e answers to uniform strains, y_j = S_s x̄_j with the S_s of pressed.h.
+struct UniformResponse {
+  StrainMatrix energy{};    // yᵀ K_e y of each two of them [J]
+  std::vector<Vec3> force;  // K_e y [N]                             (m × 6)
+
+  UniformResponse(const Region& region, const double* stiffness);
+
+  // Eigenvalues of `energy`: the one on what changes the volume alone, and the mean of the five that change a region's
+  // shape and not its volume.
+  double Dilation() const;
+  double Shear() const;
+};
+
+Vec3 Strained(int s, const Vec3& x) {
+  Vec3 y{};
+  const int a = s % 3, b = (s + 1) % 3;
+  if (s < 3) {
+    y[a] = x[a];
+  } else {
+    y[a] = kSqrtHalf * x[b];
+    y[b] = kSqrtHalf * x[a];
+  }
+  return y;
+}
+
+UniformResponse::UniformResponse(const Region& region, const double* stiffness) {
+  const int m = region.size();
+  force.resize(kStrains * static_cast<size_t>(m));
+  for (int s = 0; s < kStrains; s++) {
+    const double* K = stiffness;
+    for (int j = 0; j < m; j++) {
+      Vec3& f = force[static_cast<size_t>(j) * kStrains + s];
+      for (double& component : f) {
+        for (int k = 0; k < m; k++, K += 3) component += Dot(ToVec3(K), Strained(s, region.rest[k]));
+      }
+      for (int t = 0; t < kStrains; t++) energy[kStrains * t + s] += Dot(Strained(t, region.rest[j]), f);
+    }
+  }
+}
+
+double UniformResponse::Dilation() const {
   double sum = 0;
-  for (int j = 0; j < region.size(); j++) {
-    for (int k = 0; k < region.size(); k++) {
-      const Vec3 &xj = region.rest[j], &xk = region.rest[k];
-      const double dot = Dot(xj, xk);
-      for (int e = 0; e < 9; e++) {
-        const int a = e / 3, b = e % 3;
-        const double K = stiffness[(3 * j + a) * width + 3 * k + b];
-        sum += K * (0.5 * (xj[b] * xk[a] + (a == b ? dot : 0)) - xj[a] * xk[b] / 3);
+  for (int s = 0; s < 3; s++) {
+    for (int t = 0; t < 3; t++) sum += energy[kStrains * s + t];
+  }
+  return std::max(0.0, sum / 3);
+}
+
+double UniformResponse::Shear() const {
+  double trace = 0;
+  for (int s = 0; s < kStrains; s++) trace += energy[(kStrains + 1) * s];
+  return std::max(0.0, (trace - Dilation()) / (kStrains - 1));
+}
+
+// energy⁻¹, or nothing where a strain costs nothing.
+std::optional<StrainMatrix> InverseOf(StrainMatrix energy) {
+  StrainMatrix inverse{};
+  for (int s = 0; s < kStrains; s++) inverse[(kStrains + 1) * s] = 1;
+  const double least = kSingular * *std::max_element(energy.begin(), energy.end());
+  for (int k = 0; k < kStrains; k++) {
+    const double pivot = energy[(kStrains + 1) * k];
+    if (!(pivot > least)) return std::nullopt;
+    for (int n = 0; n < kStrains; n++) {
+      energy[kStrains * k + n] /= pivot;
+      inverse[kStrains * k + n] /= pivot;
+    }
+    for (int i = 0; i < kStrains; i++) {
+      const double share = energy[kStrains * i + k];
+      if (i == k) continue;
+      for (int n = 0; n < kStrains; n++) {
+        energy[kStrains * i + n] -= share * energy[kStrains * k + n];
+        inverse[kStrains * i + n] -= share * inverse[kStrains * k + n];
       }
     }
   }
+  return inverse;
+}
+
+// The mean stiffness against shear [J] with that of the cells.
+double ShearStiffness(const Region& region, const UniformResponse& response, const double* factors) {
+  double cells = 0;
   for (const Cell& cell : region.cells) {
     const double shear = 2 * (Respond(region.law, cell.material, 3).slope + cell.material.second);
-    sum += 10 * cell.volume * shear * (factors ? factors[cell.factor] : 1);
+    cells += 2 * cell.volume * shear * (factors ? factors[cell.factor] : 1);
   }
-  return std::max(sum / 5, 0.0);
+  return response.Shear() + cells;
+}
+
+// What a lane has of pressed.h.
+void FillPressed(const Region& region, const UniformResponse& response, int lane, RegionBatch::Moduli* moduli) {
+  const std::optional<StrainMatrix> compliance =
+      region.solid && region.cells.empty() ? InverseOf(response.energy) : std::nullopt;
+  // a uniform strain has (3 λ + 2 μ) V on dilations and 2 μ V on shears
+  const double mu = 0.5 * response.Shear(), lame = std::max(0.0, (response.Dilation() - 2 * mu) / 3);
+  moduli->pressed[lane] = compliance && lame > 0 ? mu * lame / (lame + mu) : 0;
+  if (!compliance) return;
+  for (int n = 0; n < kStrains * kStrains; n++) moduli->compliance[kWideLanes * n + lane] = (*compliance)[n];
+  for (size_t n = 0; n < 3 * response.force.size(); n++) {
+    moduli->by_strain[kWideLanes * n + lane] = response.force[n / 3][n % 3];
+  }
 }
 
 RegionBatch BatchOf(const std::vector<const Region*>& regions) {
@@ -43,6 +127,9 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   for (const Region* region : regions) batch.cells = std::max(batch.cells, static_cast<int>(region->cells.size()));
   batch.volume.assign(kWideLanes * static_cast<size_t>(batch.cells), 0);
   batch.moduli.material.assign(batch.volume.size(), LawParameters{});
+  batch.moduli.by_strain.assign(kWideLanes * 3 * kStrains * static_cast<size_t>(m), 0);
+  batch.moduli.compliance.assign(kWideLanes * kStrains * kStrains, 0);
+  batch.moduli.pressed.assign(kWideLanes, 0);
   batch.slope.assign(27 * static_cast<size_t>(m) * batch.volume.size(), 0);
   for (int lane = 0; lane < kWideLanes; lane++) {
     // lanes without a region have the last one's shape, without its stiffness
@@ -83,7 +170,9 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 void FillLane(const Region& region, const double* stiffness, const double* factors, int lane,
               RegionBatch::Moduli* moduli) {
   const size_t width = 3 * static_cast<size_t>(region.size());
-  const double twist = 0.5 * kTwistFirmness * ShearStiffness(region, stiffness, factors);
+  const UniformResponse response(region, stiffness);
+  const double twist = 0.5 * kTwistFirmness * ShearStiffness(region, response, factors);
+  FillPressed(region, response, lane, moduli);
   size_t entry = 0;
   for (int j = 0; j < region.size(); j++) {
     for (int k = 0; k <= j; k++) {

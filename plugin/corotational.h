@@ -70,6 +70,9 @@ struct RegionBatch {
   struct Moduli {
     std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j) with those of κ, row major     (m(m+1)/2 × 9)
     std::vector<LawParameters> material;  // of each cell                                            (q × 8)
+    std::vector<double> pressed;          // κ of pressed.h [J], 0 for regions with cells
+    std::vector<double> by_strain;        // K_e U of pressed.h, of each point: row s [N]            (m × 6 × 3)
+    std::vector<double> compliance;       // C⁻¹ of pressed.h [1/J], row by row                       (6 × 6)
   };
   std::vector<int> region;       // which of the body's, none for lanes at the end without one
   int size;                      // m, of the largest

@@ -4,6 +4,8 @@
 #include "constants.h"
 #include "corotational.h"
 #include "hessian.h"
+#include "pressed_regions.h"
+#include "region_lanes.h"
 #include "rotation.h"
 #include "simd.h"
 
@@ -31,20 +33,6 @@ Mat3 PseudoInverse(const Mat3& A) {
   for (int e = 0; e < 9; e++) inverse[e] -= axis[e / 3] * axis[e % 3] / size;
   return inverse;
 }
-
-// The lanes from `first` on that one call computes: V of the batch's eight.
-template <typename V>
-struct Half {
-  const RegionBatch& batch;
-  const RegionBatch::Moduli& moduli;
-  int first;
-  int size = batch.sizes[first / kLanes];  // m, of the largest in these lanes
-
-  MJFRAMES_INLINE V Of(const double* array, size_t entry) const { return Load<V>(array + kWideLanes * entry + first); }
-  MJFRAMES_INLINE void Put(const V& value, double* array, size_t entry) const {
-    Store(value, array + kWideLanes * entry + first);
-  }
-};
 
 // z_j = Rᵀ x_j centred, R, the rotation closest to F, and S = RᵀF.
 template <typename V>
@@ -194,6 +182,35 @@ void CellsOf(const Half<V>& half, int lane, const double* z, Turn* turn) {
   }
 }
 
+// What a lane has of pressed.h as a function of Δ; after Multiply.
+template <typename V>
+void PressedOf(const Half<V>& half, int lane, const BatchScratch& scratch, TurnPressed* pressed) {
+  const int at = half.first + lane;
+  const double* C = half.moduli.compliance.data() + at;
+  pressed->firmness = half.moduli.pressed[at];
+  double moment[9] = {}, load[kStrains], lever[9 * kStrains] = {};
+  for (int j = 0; j < half.size; j++) {
+    for (int e = 0; e < 9; e++) {
+      const int a = e % 3, r = e / 3;
+      moment[e] += half.batch.rest[kWideLanes * (3 * j + r) + at] * scratch.start[kWideLanes * (3 * j + a) + at];
+      for (int s = 0; s < kStrains; s++) {
+        lever[9 * s + e] += half.moduli.by_strain[kWideLanes * (3 * (kStrains * j + s) + a) + at] *
+                            scratch.z[kWideLanes * (3 * j + r) + at];
+      }
+    }
+  }
+  for (int s = 0; s < kStrains; s++) load[s] = AlongStrain(moment, s);
+  std::fill_n(pressed->strain, kStrains, 0.0);
+  std::fill_n(pressed->slope, 9 * kStrains, 0.0);
+  for (int s = 0; s < kStrains; s++) {
+    for (int t = 0; t < kStrains; t++) {
+      const double c = C[kWideLanes * (kStrains * s + t)];
+      pressed->strain[s] += c * load[t];
+      for (int n = 0; n < 9; n++) pressed->slope[9 * s + n] += c * lever[9 * t + n];
+    }
+  }
+}
+
 // Searches for the Δ of one lane.
 template <typename V>
 void Search(const Half<V>& half, int lane, const V* A, const V* b, const V* S, V* delta, BatchScratch* scratch) {
@@ -203,6 +220,7 @@ void Search(const Half<V>& half, int lane, const V* A, const V* b, const V* S, V
   turn.S = LaneOf(S, lane);
   turn.solid = half.batch.solid[half.first + lane] > 0;
   CellsOf(half, lane, scratch->z.data(), &turn);
+  PressedOf(half, lane, *scratch, &turn.pressed);
   const Mat3 found = LeastTurn(turn);
   for (int e = 0; e < 9; e++) delta[e][lane] = found[e];
 }
@@ -468,18 +486,19 @@ MJFRAMES_INLINE void AddCell(const Half<V>& half, int q, int j, int k, const Bat
   }
 }
 
-// R Pᵀ H P Rᵀ of all blocks, `firmer` times
+// R Pᵀ H P Rᵀ of all blocks, `firmer` times. pressed: null where no region is.
 template <typename V>
-MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firmer, const BatchScratch& scratch,
-                                  const Wanted& wanted) {
+MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firmer, const PressedRegions<V>* pressed,
+                                  const BatchScratch& scratch, const Wanted& wanted) {
   V scaled[9];
   for (int e = 0; e < 9; e++) scaled[e] = firmer * R[e];
   const V enlargement = Load<V>(half.batch.enlargement + half.first);
   const int32_t* pair = half.batch.pair.data() + half.first;
   size_t entry = 0;
   for (int j = 0; j < half.size; j++) {
-    V of_j[18];
+    V of_j[18], T[3 * kStrains];
     for (int e = 0; e < 18; e++) of_j[e] = half.Of(scratch.follow.data(), 18 * j + e);
+    if (pressed) PressedRow(half, *pressed, j, T);
     for (int k = 0; k <= j; k++, entry += 9, pair += kWideLanes) {
       V block[9], left[9];
       for (int e = 0; e < 9; e++) block[e] = half.Of(half.moduli.stiffness.data(), entry + e);
@@ -491,6 +510,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
         }
       }
       for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
+      if (pressed) AddPressedBlock(half, T, k, block);
       Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
@@ -505,7 +525,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
   }
 }
 
-// The rotation R of least energy, z for it and the product without cells.
+// The rotation R of least energy, z for it and the product without cells and what is pressed.
 template <typename V>
 MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, BatchScratch* scratch, V* R) {
   V closest[9], S[9], A[81], b[9], delta[9], D[9], turned[9];
@@ -517,13 +537,40 @@ MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
   MulT3(D, S, turned);
   const auto unfolded = Load<V>(half.batch.solid + half.first) > 0.0 && EigenvaluesExceed(turned, Fill<V>(kFolded));
+  bool searched[kWidth<V>] = {};
   for (int lane = 0; lane < regions; lane++) {
     if (found[lane] && unfolded[lane] && !half.batch.cells) continue;
     Search(half, lane, A, b, S, delta, scratch);
+    searched[lane] = true;
   }
   for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
   Mul3(closest, D, R);
   TurnAll(half, delta, D, scratch);
+  V strain[kStrains];
+  StrainOf(half, scratch->product.data(), 12, strain);
+  const Mask<V> pressed = ArePressed(half, strain);
+  if (!Any<V>(pressed)) return;
+  MulT3(D, S, turned);
+  Multiply(half, scratch, A, b);
+  for (V& d : delta) d = V{};
+  for (int lane = 0; lane < regions; lane++) {
+    if (pressed[lane] && !searched[lane]) Search(half, lane, A, b, turned, delta, scratch);
+  }
+  for (int e = 0; e < 9; e++) D[e] = delta[e] + kIdentity[e];
+  std::copy_n(R, 9, closest);
+  Mul3(closest, D, R);
+  TurnAll(half, delta, D, scratch);
+}
+
+// What of the regions is pressed, after Rotate; whether any is.
+template <typename V>
+MJFRAMES_INLINE bool FindPressed(const Half<V>& half, const BatchScratch& scratch, PressedRegions<V>* of) {
+  V strain[kStrains];
+  StrainOf(half, scratch.product.data(), 12, strain);
+  of->pressed = ArePressed(half, strain);
+  if (!Any<V>(of->pressed)) return false;
+  of->at = PressedAt(half.Of(half.moduli.pressed.data(), 0), strain);
+  return true;
 }
 
 // force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are. Without cells.
@@ -533,6 +580,10 @@ MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R,
   V there[9], torque[3] = {};
   std::copy_n(scratch->z.begin(), 3 * kWideLanes * static_cast<size_t>(half.batch.size), scratch->before.begin());
   Rotate(half, regions, ahead, scratch, there);
+  PressedRegions<V> pressed;
+  if (FindPressed(half, *scratch, &pressed)) {
+    AddPressed(half, false, scratch->z.data(), &pressed, scratch->product.data());
+  }
   for (int j = 0; j < half.size; j++) {
     V z[3], w[3], moment[3];
     for (int r = 0; r < 3; r++) {
@@ -561,20 +612,25 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     if (regions <= 0) break;  // the last regions do not fill all lanes
     V R[9], twist[9], inverse[9];
     Rotate(half, regions, x, scratch, R);
+    PressedRegions<V> pressed;
+    const bool any = FindPressed(half, *scratch, &pressed);
     V energy = {};
     if (wanted.energy) energy = Quadratic(half, *scratch);
+    if (wanted.energy && any) energy += pressed.at.energy;
     for (int lane = 0; lane < regions; lane++) {
       if (wanted.energy) *wanted.energy += energy[lane] + CellEnergy(half, lane, *scratch);
       if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(R, lane);
     }
     if (!wanted.force) continue;
+    const bool curved = wanted.stiffness || wanted.ahead;
     if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
+    if (any) AddPressed(half, curved, scratch->z.data(), &pressed, scratch->product.data());
     Twist(half, *scratch, twist);
     InvertTwist(twist, inverse);
     if (!wanted.ahead) AddForce(half, R, inverse, *scratch, wanted.force);
     if (!wanted.stiffness && !wanted.ahead) continue;
     const V firmer = Follow(half, twist, inverse, scratch);
-    if (wanted.stiffness) AddStiffness(half, R, firmer, *scratch, wanted);
+    if (wanted.stiffness) AddStiffness(half, R, firmer, any ? &pressed : nullptr, *scratch, wanted);
     if (wanted.ahead) AddForceAhead(half, regions, R, wanted.ahead, scratch, wanted.force);
   }
 }

@@ -77,6 +77,32 @@ void AddCells(const Turn& turn, int group, const Mat3& delta, const double* colu
   }
 }
 
+void AddPressed(const TurnPressed& pressed, const Mat3& delta, const double* column, Mat3* slope, Landscape* of) {
+  Lanes strain[kStrains], F[9];
+  for (int s = 0; s < kStrains; s++) {
+    double sum = pressed.strain[s];
+    for (int n = 0; n < 9; n++) sum += pressed.slope[9 * s + n] * delta[n];
+    strain[s] = Fill(sum);
+  }
+  FromStrains(strain, F);
+  if (EigenvaluesExceed(F, Fill(1 - kPressedBegin))[0]) return;
+  const Pressed<Lanes> at = PressedAt(Fill(pressed.firmness), strain);
+  of->energy += at.energy[0];
+  double turned[3 * kStrains] = {}, product[3 * kStrains] = {};
+  for (int s = 0; s < kStrains; s++) {
+    for (int n = 0; n < 9; n++) {
+      (*slope)[n] += pressed.slope[9 * s + n] * at.stress[s][0];
+      for (int c = 0; c < 3; c++) turned[3 * s + c] += pressed.slope[9 * s + n] * column[9 * c + n];
+    }
+  }
+  for (int s = 0; s < kStrains; s++) {
+    for (int t = 0; t < kStrains; t++) {
+      for (int c = 0; c < 3; c++) product[3 * s + c] += at.hessian[kStrains * s + t][0] * turned[3 * t + c];
+    }
+    for (int e = 0; e < 9; e++) of->curvature[e] += turned[3 * s + e / 3] * product[3 * s + e % 3];
+  }
+}
+
 Landscape LandscapeAt(const Turn& turn, const Mat3& delta) {
   Landscape of = {};
   const Mat3 D = PlusOne(delta);
@@ -100,6 +126,7 @@ Landscape LandscapeAt(const Turn& turn, const Mat3& delta) {
     }
   }
   for (int g = 0; g < turn.groups; g++) AddCells(turn, g, delta, column, &slope, &of);
+  AddPressed(turn.pressed, delta, column, &slope, &of);
   const Mat3 M = Mul(Transpose(D), slope);
   of.slope = {M[7] - M[5], M[2] - M[6], M[3] - M[1]};
   const double trace = M[0] + M[4] + M[8];

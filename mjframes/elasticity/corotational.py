@@ -10,6 +10,9 @@ as the points move and C is the curvature of W in such turns. Where C is far fro
 Ω = (Zᵀ H Z)⁻¹ Zᵀ H, as with a hyperelastic law, and K is twice that. As the least of smooth functions of x, W is
 continuous, and has the gradient of the least one.
 
+Hooke's law in turning axes loses its resistance to shear where it is pressed. So a region that is pressed has the
+pressure of its volume, by an energy that does not depend on R (pressed.py; plugin/pressed.h says why).
+
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 
     ½ yᵀ K_e y + Σ_q V_q ψ(F_q),   F_q = I + E_q y      in place of ½ yᵀ K_e y
@@ -27,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.elasticity.laws import LawParameters, energy, hessian, projected_hessian, stress
+from mjframes.elasticity.pressed import PressedCell, UniformResponse
 
 # each as in plugin/, where they are explained
 FOLDED = 0.4  # [-] eigenvalue of sym Rᵀ F below which rotations farther away are tried
@@ -70,15 +74,6 @@ def stress_twist(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 * (moments + moments.T) - np.trace(moments) * np.eye(3)
 
 
-def shear_stiffness(rest: NDArray[np.float64], stiffness: NDArray[np.float64]) -> float:
-    """Return the mean of K_e's eigenvalues [J] on the five motions x̄_j → G x̄_j, |G| = 1, that keep the volume."""
-    offset = rest - rest.mean(axis=0)
-    blocks = stiffness.reshape(len(rest), 3, len(rest), 3)
-    motions = np.einsum("ja,kb,jckd->cadb", offset, offset, blocks, optimize=True)  # of G ⊗ G
-    same, swapped, trace = (np.einsum(text, motions) for text in ("caca", "caac", "aacc"))
-    return max(0.0, float(0.5 * (same + swapped) - trace / 3) / 5)
-
-
 @dataclass(frozen=True, eq=False)
 class LawCell:
     """A point at which a region's hyperelastic law is evaluated.
@@ -103,11 +98,13 @@ class _Turn:
 
     curvature, slope: A (9, 9) and b (9,) of the quadratic part ½ Δ·A Δ + b·Δ [J].
     cells: with F (3, 3) before the turn, and how Δ changes it (9, 9).
+    pressed: with ε (6,) before the turn, and how Δ changes it (6, 9).
     """
 
     curvature: NDArray[np.float64]
     slope: NDArray[np.float64]
     cells: list[tuple[LawCell, NDArray[np.float64], NDArray[np.float64]]]
+    pressed: tuple[PressedCell, NDArray[np.float64], NDArray[np.float64]]
 
     def at(self, D: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
         """Return W [J], and its slope (3,) and curvature (3, 3) in a for turns D exp([a]×)."""
@@ -123,6 +120,10 @@ class _Turn:
             slope = slope + cell.volume * by_turn.T @ stress(cell.law, F).ravel()
             change = by_turn @ columns
             twist = twist + cell.volume * change.T @ projected_hessian(cell.law, F)[0] @ change
+        cell, strain, by_turn = self.pressed
+        value, P, H = cell.at(strain + by_turn @ delta)
+        change = by_turn @ columns
+        total, slope, twist = total + value, slope + by_turn.T @ P, twist + change.T @ H @ change
         return total, columns.T @ slope, twist + stress_twist(D.T @ slope.reshape(3, 3))
 
     def descend(self, D: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -171,10 +172,15 @@ class CorotationalRegion:
         return bool(np.abs(self._centred(self.rest).T @ self.gradient - np.eye(3)).max() < SHOWN)
 
     @cached_property
+    def uniform(self) -> UniformResponse:
+        """Return what K_e answers to uniform strains."""
+        return UniformResponse.of(self.rest, self.stiffness)
+
+    @cached_property
     def shear(self) -> float:
         """Return the mean stiffness against shear [J], of which κ is a multiple."""
         cells = sum(2 * c.volume * float(hessian(c.law, np.eye(3)[None])[0][1, 1]) for c in self.cells)
-        return shear_stiffness(self.rest, self.stiffness) + cells
+        return self.uniform.shear + cells
 
     @cached_property
     def firm(self) -> NDArray[np.float64]:
@@ -182,6 +188,11 @@ class CorotationalRegion:
         g = self.gradient
         skew = np.einsum("jc,kc,ab->jakb", g, g, np.eye(3)) - np.einsum("jb,ka->jakb", g, g)
         return self.stiffness + 0.5 * TWIST_FIRMNESS * self.shear * skew.reshape(self.stiffness.shape)
+
+    @cached_property
+    def pressed(self) -> PressedCell:
+        """Return how the region is where it is pressed; not at all where there are cells or F is not known."""
+        return PressedCell.none(self.rest.size) if self.cells or not self.solid else PressedCell.of(self.uniform)
 
     def rotation(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R (3, 3), the rotation of least energy."""
@@ -249,7 +260,9 @@ class CorotationalRegion:
             slope = slope + cell.volume * cell.slope.T @ stress(cell.law, F).ravel()
             H = (projected_hessian if projected else hessian)(cell.law, F)[0]
             curvature += cell.volume * cell.slope.T @ H @ cell.slope
-        return total, slope, curvature
+        value, P, H = self.pressed.at(self.pressed.slope @ y)
+        E = self.pressed.slope
+        return total + value, slope + E.T @ P, curvature + E.T @ H @ E
 
     def _turn(self, z: NDArray[np.float64]) -> _Turn:
         """W as a function of how z (m, 3) turns."""
@@ -260,6 +273,7 @@ class CorotationalRegion:
             lever.T @ product,
             product.T @ y,
             [(cell, cell.deformation(y)[0], cell.slope @ lever) for cell in self.cells],
+            (self.pressed, self.pressed.slope @ y, self.pressed.slope @ lever),
         )
 
     @staticmethod

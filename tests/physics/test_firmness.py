@@ -135,3 +135,23 @@ def test_a_box_that_falls_on_flesh_comes_back_no_higher(young: float, timestep: 
         touched = touched or data.ncon > 0
         highest = max(highest, float(data.joint("up").qpos[0])) if touched else highest
     assert -0.045 < highest < 0
+
+
+def plate_on_a_wide_pad(frames: int, law: str, force: float) -> float:
+    """How deep a plate sinks into a pad of 50 kPa that is glued below [m]."""
+    volume = Volume.box(WIDE, Material(5e4, 0.45, 1000), spacing=0.004)
+    body = build(volume, frames, supports=Fixed(volume.side("-z")), damping=(0, 0.01), law=law)
+    scene = f"""<mujoco><worldbody><body pos="0 0 {WIDE[2] / 2 + 0.0501}"><joint name="down" type="slide" axis="0 0 -1"
+      damping="2"/><geom type="box" size=".1 .1 .05" mass="0.05"/></body></worldbody></mujoco>"""
+    model, data = compiled(scene, (body, (0, 0, 0), UPRIGHT))
+    for step in range(800):
+        data.joint("down").qfrc_applied = force * min(1, step / 400)
+        mujoco.mj_step(model, data)
+    return float(data.joint("down").qpos[0])
+
+
+@pytest.mark.parametrize(("frames", "force"), [(3, 100), (3, 150), (5, 100), (11, 100)])
+def test_a_pad_bears_half_of_its_modulus(frames: int, force: float) -> None:
+    """At 100 N (28 kPa) the plate went through 5 frames or more, where Hooke's law got no stiffer."""
+    hooke, neo = (plate_on_a_wide_pad(frames, law, force) for law in ("corotational", "neo_hookean"))
+    assert hooke == pytest.approx(neo, rel=1 / 8)
