@@ -20,6 +20,8 @@
 // in place of ½ yᵀ K_e y. K_e is what the law leaves of the stiffness at rest, Σ_q V_q E_qᵀ C E_q + K_e
 // (mjframes/whole_body/cells.py). K has Σ_q V_q E_qᵀ H_q E_q more, H_q = ∂P/∂F projected (hessian.h).
 //
+// One without cells gets stiffer where it is pressed, by ψ of pressed.h: W has ψ(E y) more, and H has Eᵀ (∂²ψ/∂ε²) E.
+//
 // Index letters: j, k control point of the region; p frame; q cell; r, s rows of F; a, b its columns; lane region.
 
 #ifndef MJFRAMES_PLUGIN_COROTATIONAL_H_
@@ -70,7 +72,7 @@ struct RegionBatch {
   struct Moduli {
     std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j) with those of κ, row major     (m(m+1)/2 × 9)
     std::vector<LawParameters> material;  // of each cell                                            (q × 8)
-    std::vector<double> pressed;          // κ of pressed.h [J], 0 for regions with cells
+    std::vector<double> pressed;          // c of pressed.h [J], 0 for regions with cells
     std::vector<double> by_strain;        // K_e U of pressed.h, of each point: row s [N]            (m × 6 × 3)
     std::vector<double> compliance;       // C⁻¹ of pressed.h [1/J], row by row                       (6 × 6)
   };

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "constants.h"
 #include "corotational.h"
@@ -525,9 +526,9 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
   }
 }
 
-// The rotation R of least energy, z for it and the product without cells and what is pressed.
+// The rotation R of least energy, z for it and the product without cells and what is pressed; whether anything is.
 template <typename V>
-MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, BatchScratch* scratch, V* R) {
+MJFRAMES_INLINE bool Rotate(const Half<V>& half, int regions, const Vec3* x, BatchScratch* scratch, V* R) {
   V closest[9], S[9], A[81], b[9], delta[9], D[9], turned[9];
   for (int e = 0; e < 9; e++) closest[e] = half.Of(scratch->rotation, e);
   Unturn(half, x, scratch, closest, S);
@@ -549,7 +550,7 @@ MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   V strain[kStrains];
   StrainOf(half, scratch->product.data(), 12, strain);
   const Mask<V> pressed = ArePressed(half, strain);
-  if (!Any<V>(pressed)) return;
+  if (!Any<V>(pressed)) return false;
   MulT3(D, S, turned);
   Multiply(half, scratch, A, b);
   for (V& d : delta) d = V{};
@@ -560,16 +561,6 @@ MJFRAMES_INLINE void Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   std::copy_n(R, 9, closest);
   Mul3(closest, D, R);
   TurnAll(half, delta, D, scratch);
-}
-
-// What of the regions is pressed, after Rotate; whether any is.
-template <typename V>
-MJFRAMES_INLINE bool FindPressed(const Half<V>& half, const BatchScratch& scratch, PressedRegions<V>* of) {
-  V strain[kStrains];
-  StrainOf(half, scratch.product.data(), 12, strain);
-  of->pressed = ArePressed(half, strain);
-  if (!Any<V>(of->pressed)) return false;
-  of->at = PressedAt(half.Of(half.moduli.pressed.data(), 0), strain);
   return true;
 }
 
@@ -579,9 +570,8 @@ MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R,
                                    BatchScratch* scratch, Vec3* force) {
   V there[9], torque[3] = {};
   std::copy_n(scratch->z.begin(), 3 * kWideLanes * static_cast<size_t>(half.batch.size), scratch->before.begin());
-  Rotate(half, regions, ahead, scratch, there);
-  PressedRegions<V> pressed;
-  if (FindPressed(half, *scratch, &pressed)) {
+  if (Rotate(half, regions, ahead, scratch, there)) {
+    PressedRegions<V> pressed(half, scratch->product.data());
     AddPressed(half, false, scratch->z.data(), &pressed, scratch->product.data());
   }
   for (int j = 0; j < half.size; j++) {
@@ -611,12 +601,11 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     const int regions = std::min(static_cast<int>(batch.region.size()) - first, kWidth<V>);
     if (regions <= 0) break;  // the last regions do not fill all lanes
     V R[9], twist[9], inverse[9];
-    Rotate(half, regions, x, scratch, R);
-    PressedRegions<V> pressed;
-    const bool any = FindPressed(half, *scratch, &pressed);
+    std::optional<PressedRegions<V>> pressed;
+    if (Rotate(half, regions, x, scratch, R)) pressed.emplace(half, scratch->product.data());
     V energy = {};
     if (wanted.energy) energy = Quadratic(half, *scratch);
-    if (wanted.energy && any) energy += pressed.at.energy;
+    if (wanted.energy && pressed) energy += pressed->at.energy;
     for (int lane = 0; lane < regions; lane++) {
       if (wanted.energy) *wanted.energy += energy[lane] + CellEnergy(half, lane, *scratch);
       if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(R, lane);
@@ -624,13 +613,13 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     if (!wanted.force) continue;
     const bool curved = wanted.stiffness || wanted.ahead;
     if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
-    if (any) AddPressed(half, curved, scratch->z.data(), &pressed, scratch->product.data());
+    if (pressed) AddPressed(half, curved, scratch->z.data(), &*pressed, scratch->product.data());
     Twist(half, *scratch, twist);
     InvertTwist(twist, inverse);
     if (!wanted.ahead) AddForce(half, R, inverse, *scratch, wanted.force);
     if (!wanted.stiffness && !wanted.ahead) continue;
     const V firmer = Follow(half, twist, inverse, scratch);
-    if (wanted.stiffness) AddStiffness(half, R, firmer, any ? &pressed : nullptr, *scratch, wanted);
+    if (wanted.stiffness) AddStiffness(half, R, firmer, pressed ? &*pressed : nullptr, *scratch, wanted);
     if (wanted.ahead) AddForceAhead(half, regions, R, wanted.ahead, scratch, wanted.force);
   }
 }

@@ -1,6 +1,6 @@
 // What is pressed gets stiffer: energy that a region of the law `corotational` has beside W (corotational.h),
 //
-//   ψ = κ Σ_i g(1 − b − σ_i),   σ the eigenvalues of 1 + ε,   ε = C⁻¹ Uᵀ K_e y,   C = Uᵀ K_e U,   κ = λ μ V / (λ + μ)
+//   ψ = c Σ_i g(1 − b − σ_i),   σ the eigenvalues of 1 + ε,   ε = C⁻¹ Uᵀ K_e y,   C = Uᵀ K_e U,   c = λ μ V / (λ + μ)
 //
 // U are the uniform strains of the points: ε is that strain whose stress is the mean of what the region has. Of all
 // measures of strain it is the one that K_e resists most, so that bends hardly change it. (What a linear fit to the

@@ -11,14 +11,6 @@
 
 namespace mjframes {
 
-template <typename V>
-struct PressedRegions {
-  Mask<V> pressed;
-  Pressed<V> at;
-  V load[4 * kStrains];            // C⁻¹ P and C⁻¹ H E Z side by side
-  V hessian[kStrains * kStrains];  // C⁻¹ H C⁻¹
-};
-
 // C⁻¹ A of an A with so many columns, in place.
 template <typename V>
 MJFRAMES_INLINE void Comply(const Half<V>& half, int columns, V* A) {
@@ -52,7 +44,21 @@ MJFRAMES_INLINE void ByStrain(const Half<V>& half, int j, V* G) {
   for (int n = 0; n < 3 * kStrains; n++) G[n] = half.Of(half.moduli.by_strain.data(), 3 * kStrains * j + n);
 }
 
-// Where ε stands for regions that are pressed; else without `at`.
+template <typename V>
+struct PressedRegions {
+  Pressed<V> at;
+  V load[4 * kStrains];            // C⁻¹ P and C⁻¹ H E Z side by side
+  V hessian[kStrains * kStrains];  // C⁻¹ H C⁻¹
+
+  // product: w of K_e alone.
+  MJFRAMES_INLINE PressedRegions(const Half<V>& half, const double* product) {
+    V strain[kStrains];
+    StrainOf(half, product, 12, strain);
+    at = PressedAt(half.Of(half.moduli.pressed.data(), 0), strain);
+  }
+};
+
+// The regions that have a ψ at this ε.
 template <typename V>
 MJFRAMES_INLINE Mask<V> ArePressed(const Half<V>& half, const V* strain) {
   V F[9];

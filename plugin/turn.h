@@ -32,7 +32,7 @@ struct TurnCells {
 
 // What is pressed.
 struct TurnPressed {
-  double firmness;             // κ [J]
+  double firmness;             // c of pressed.h [J]
   double strain[kStrains];     // ε for Δ = 0 [-]
   double slope[9 * kStrains];  // N [-], row by row
 };

@@ -10,8 +10,8 @@ as the points move and C is the curvature of W in such turns. Where C is far fro
 Ω = (Zᵀ H Z)⁻¹ Zᵀ H, as with a hyperelastic law, and K is twice that. As the least of smooth functions of x, W is
 continuous, and has the gradient of the least one.
 
-Hooke's law in turning axes loses its resistance to shear where it is pressed. So a region that is pressed has the
-pressure of its volume, by an energy that does not depend on R (pressed.py; plugin/pressed.h says why).
+Hooke's law in turning axes gets no stiffer where it is pressed, and loses its resistance to shear. So W has the energy
+of pressed.py as well, ψ(E y), and H has Eᵀ (∂²ψ/∂ε²) E.
 
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 

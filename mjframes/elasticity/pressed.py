@@ -1,6 +1,6 @@
 """What is pressed gets stiffer: energy that a corotational region has beside W (§5.2; plugin/pressed.h says why).
 
-    ψ = κ Σ_i g(1 − b − σ_i),   σ the eigenvalues of 1 + ε,   ε = C⁻¹ Uᵀ K_e y,   C = Uᵀ K_e U,   κ = λ μ V / (λ + μ)
+    ψ = c Σ_i g(1 − b − σ_i),   σ the eigenvalues of 1 + ε,   ε = C⁻¹ Uᵀ K_e y,   C = Uᵀ K_e U,   c = λ μ V / (λ + μ)
 
 U are the uniform strains of the region's points, and λ V and μ V are those of C. g′(e) is 18 e² for e > 0, and
 straight on where σ is below 0.3. Strains are (6,), of the symmetric S of unit |S|: three along the axes, then three
@@ -66,7 +66,7 @@ class UniformResponse:
 class PressedCell:
     """How a region of m points is where it is pressed.
 
-    firmness: κ [J].
+    firmness: c [J].
     slope: C⁻¹ Uᵀ K_e (6, 3m) [1/m].
     """
 

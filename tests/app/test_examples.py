@@ -55,7 +55,7 @@ def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
     assert share(shown, MUSCLE) > 0.015  # the sections alone show it
     assert share(shown, SKIN) > 0.1
     assert len(found.body.parent) == 10
-    assert 14 < found.extension < 17  # [degrees]; finite elements 18 in the first order
+    assert 12 < found.extension < 14  # [degrees]; finite elements 18 in the first order, neo-Hooke 16
     assert np.abs(found.data.qvel).max() < 0.01  # [m/s]: it is held there
     assert not any(warning.number for warning in found.data.warning)
     x, stiffness = mf.soft(found.model, found.data, "knee").control_positions, found.body.stiffness
@@ -137,7 +137,7 @@ def test_the_flesh_of_dm_controls_rodent_follows_its_bones(tmp_path: Path, golde
     assert 3e-3 < sway[1] < 0.02  # [m]: the spine bends, and the belly with it
     assert 0.01 < sway[2] < 0.03  # [m]: the guts go on where the spine turns back
     assert found.stretch.max() < 8  # in the ankles; boneless toes stretched by 18
-    assert np.count_nonzero(found.stretch > 3) < 0.003 * len(found.stretch)
+    assert np.count_nonzero(found.stretch > 3) < 0.005 * len(found.stretch)  # 0.43 %; 0.24 % where Hooke got no stiffer
     view = mf.soft(found.model, found.data, "flesh")
     assert found.body.links == tuple(BONES)
     assert view.elastic_energy > 0
