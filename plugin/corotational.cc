@@ -10,19 +10,7 @@ namespace {
 
 using StrainMatrix = std::array<double, kStrains * kStrains>;
 
-// What K_e answers to uniform strains, y_j = S_s x̄_j with the S_s of pressed.h.
-struct UniformResponse {
-  StrainMatrix energy{};    // yᵀ K_e y of each two of them [J]
-  std::vector<Vec3> force;  // K_e y [N]                             (m × 6)
-
-  UniformResponse(const Region& region, const double* stiffness);
-
-  // Eigenvalues of `energy`: the one on what changes the volume alone, and the mean of the five that change a region's
-  // shape and not its volume.
-  double Dilation() const;
-  double Shear() const;
-};
-
+// S_s x, S_s of pressed.h
 Vec3 Strained(int s, const Vec3& x) {
   Vec3 y{};
   const int a = s % 3, b = (s + 1) % 3;
@@ -35,22 +23,25 @@ Vec3 Strained(int s, const Vec3& x) {
   return y;
 }
 
-UniformResponse::UniformResponse(const Region& region, const double* stiffness) {
+// C of pressed.h: yᵀ K_e y of each two uniform strains y_j = S_s x̄_j [J].
+StrainMatrix UniformEnergy(const Region& region, const double* stiffness) {
   const int m = region.size();
-  force.resize(kStrains * static_cast<size_t>(m));
+  StrainMatrix energy{};
   for (int s = 0; s < kStrains; s++) {
     const double* K = stiffness;
     for (int j = 0; j < m; j++) {
-      Vec3& f = force[static_cast<size_t>(j) * kStrains + s];
-      for (double& component : f) {
+      Vec3 force{};
+      for (double& component : force) {
         for (int k = 0; k < m; k++, K += 3) component += Dot(ToVec3(K), Strained(s, region.rest[k]));
       }
-      for (int t = 0; t < kStrains; t++) energy[kStrains * t + s] += Dot(Strained(t, region.rest[j]), f);
+      for (int t = 0; t < kStrains; t++) energy[kStrains * t + s] += Dot(Strained(t, region.rest[j]), force);
     }
   }
+  return energy;
 }
 
-double UniformResponse::Dilation() const {
+// Its eigenvalue on the strain that changes the volume alone.
+double Dilation(const StrainMatrix& energy) {
   double sum = 0;
   for (int s = 0; s < 3; s++) {
     for (int t = 0; t < 3; t++) sum += energy[kStrains * s + t];
@@ -58,10 +49,11 @@ double UniformResponse::Dilation() const {
   return std::max(0.0, sum / 3);
 }
 
-double UniformResponse::Shear() const {
+// The mean of its eigenvalues on the five that change a region's shape and not its volume.
+double Shear(const StrainMatrix& energy) {
   double trace = 0;
   for (int s = 0; s < kStrains; s++) trace += energy[(kStrains + 1) * s];
-  return std::max(0.0, (trace - Dilation()) / (kStrains - 1));
+  return std::max(0.0, (trace - Dilation(energy)) / (kStrains - 1));
 }
 
 // energy⁻¹, or nothing where a strain costs nothing.
@@ -88,28 +80,25 @@ std::optional<StrainMatrix> InverseOf(StrainMatrix energy) {
   return inverse;
 }
 
-// The mean stiffness against shear [J] with that of the cells.
-double ShearStiffness(const Region& region, const UniformResponse& response, const double* factors) {
-  double cells = 0;
+// The mean stiffness of the cells against shear, as `Shear` has it [J].
+double ShearOfCells(const Region& region, const double* factors) {
+  double sum = 0;
   for (const Cell& cell : region.cells) {
     const double shear = 2 * (Respond(region.law, cell.material, 3).slope + cell.material.second);
-    cells += 2 * cell.volume * shear * (factors ? factors[cell.factor] : 1);
+    sum += 2 * cell.volume * shear * (factors ? factors[cell.factor] : 1);
   }
-  return response.Shear() + cells;
+  return sum;
 }
 
 // What a lane has of pressed.h.
-void FillPressed(const Region& region, const UniformResponse& response, int lane, RegionBatch::Moduli* moduli) {
+void FillPressed(const Region& region, const StrainMatrix& energy, int lane, RegionBatch::Moduli* moduli) {
   const std::optional<StrainMatrix> compliance =
-      region.solid && region.cells.empty() ? InverseOf(response.energy) : std::nullopt;
+      region.solid && region.cells.empty() ? InverseOf(energy) : std::nullopt;
   // a uniform strain has (3 λ + 2 μ) V on dilations and 2 μ V on shears
-  const double mu = 0.5 * response.Shear(), lame = std::max(0.0, (response.Dilation() - 2 * mu) / 3);
+  const double mu = 0.5 * Shear(energy), lame = std::max(0.0, (Dilation(energy) - 2 * mu) / 3);
   moduli->pressed[lane] = compliance && lame > 0 ? mu * lame / (lame + mu) : 0;
   if (!compliance) return;
   for (int n = 0; n < kStrains * kStrains; n++) moduli->compliance[kWideLanes * n + lane] = (*compliance)[n];
-  for (size_t n = 0; n < 3 * response.force.size(); n++) {
-    moduli->by_strain[kWideLanes * n + lane] = response.force[n / 3][n % 3];
-  }
 }
 
 RegionBatch BatchOf(const std::vector<const Region*>& regions) {
@@ -127,7 +116,6 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
   for (const Region* region : regions) batch.cells = std::max(batch.cells, static_cast<int>(region->cells.size()));
   batch.volume.assign(kWideLanes * static_cast<size_t>(batch.cells), 0);
   batch.moduli.material.assign(batch.volume.size(), LawParameters{});
-  batch.moduli.by_strain.assign(kWideLanes * 3 * kStrains * static_cast<size_t>(m), 0);
   batch.moduli.compliance.assign(kWideLanes * kStrains * kStrains, 0);
   batch.moduli.pressed.assign(kWideLanes, 0);
   batch.slope.assign(27 * static_cast<size_t>(m) * batch.volume.size(), 0);
@@ -170,9 +158,9 @@ RegionBatch BatchOf(const std::vector<const Region*>& regions) {
 void FillLane(const Region& region, const double* stiffness, const double* factors, int lane,
               RegionBatch::Moduli* moduli) {
   const size_t width = 3 * static_cast<size_t>(region.size());
-  const UniformResponse response(region, stiffness);
-  const double twist = 0.5 * kTwistFirmness * ShearStiffness(region, response, factors);
-  FillPressed(region, response, lane, moduli);
+  const StrainMatrix uniform = UniformEnergy(region, stiffness);
+  const double twist = 0.5 * kTwistFirmness * (Shear(uniform) + ShearOfCells(region, factors));
+  FillPressed(region, uniform, lane, moduli);
   size_t entry = 0;
   for (int j = 0; j < region.size(); j++) {
     for (int k = 0; k <= j; k++) {

@@ -73,7 +73,6 @@ struct RegionBatch {
     std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j) with those of κ, row major     (m(m+1)/2 × 9)
     std::vector<LawParameters> material;  // of each cell                                            (q × 8)
     std::vector<double> pressed;          // c of pressed.h [J], 0 for regions with cells
-    std::vector<double> by_strain;        // K_e U of pressed.h, of each point: row s [N]            (m × 6 × 3)
     std::vector<double> compliance;       // C⁻¹ of pressed.h [1/J], row by row                       (6 × 6)
   };
   std::vector<int> region;       // which of the body's, none for lanes at the end without one
@@ -105,10 +104,11 @@ void FillLane(const Region& region, const double* stiffness, const double* facto
 // Scratch memory for the largest batch of a body; allocated once.
 struct BatchScratch {
   explicit BatchScratch(const std::vector<RegionBatch>& batches);
-  std::vector<double> z;            // Rᵀ x_j centred                          (m × 3 × 8)
-  std::vector<double> before;       // z at other places                       (m × 3 × 8)
-  std::vector<double> start;        // K y for the R that the search starts at (m × 3 × 8)
-  std::vector<double> moment;       // Σ_k K_jk,ab z_k,s there, entry 9a + 3b + s (m × 27 × 8)
+  std::vector<double> z;       // Rᵀ x_j centred                          (m × 3 × 8)
+  std::vector<double> before;  // z at other places                       (m × 3 × 8)
+  std::vector<double> start;   // K y for the R that the search starts at (m × 3 × 8)
+  // Σ_k K_jk,ab z_k,s there, entry 9a + 3b + s; where regions are pressed, then with x̄_k in place of z_k
+  std::vector<double> moment;       //                                         (m × 27 × 8)
   std::vector<double> product;      // w = ∂W/∂y and U, column by column       (m × 12 × 8)
   std::vector<double> follow;       // Ω and Y, row major                      (m × 18 × 8)
   std::vector<double> curved;       // V_q H_q E_q, as a batch's slope         (q × m × 9 × 3 × 8)

@@ -74,8 +74,7 @@ MJFRAMES_INLINE void Multiply(const Half<V>& half, BatchScratch* scratch, V* A, 
     V w[3] = {}, moment[27] = {};
     for (int k = 0; k < half.size; k++) {
       V z[3], y[3], K[9];
-      const size_t block = k <= j ? j * (j + 1) / 2 + k : k * (k + 1) / 2 + j;
-      for (int e = 0; e < 9; e++) K[e] = half.Of(stiffness, 9 * block + (k <= j ? e : 3 * (e % 3) + e / 3));
+      half.Block(stiffness, j, k, K);
       for (int s = 0; s < 3; s++) {
         z[s] = half.Of(scratch->z.data(), 3 * k + s);
         y[s] = z[s] - half.Of(half.batch.rest.data(), 3 * k + s);
@@ -189,25 +188,24 @@ void PressedOf(const Half<V>& half, int lane, const BatchScratch& scratch, TurnP
   const int at = half.first + lane;
   const double* C = half.moduli.compliance.data() + at;
   pressed->firmness = half.moduli.pressed[at];
-  double moment[9] = {}, load[kStrains], lever[9 * kStrains] = {};
+  double moment[90] = {};  // Σ_j x̄_j w_jᵀ and, for each entry of Δ, Σ_j x̄_j (∂w_j/∂Δ)ᵀ, w = K y
   for (int j = 0; j < half.size; j++) {
     for (int e = 0; e < 9; e++) {
-      const int a = e % 3, r = e / 3;
-      moment[e] += half.batch.rest[kWideLanes * (3 * j + r) + at] * scratch.start[kWideLanes * (3 * j + a) + at];
-      for (int s = 0; s < kStrains; s++) {
-        lever[9 * s + e] += half.moduli.by_strain[kWideLanes * (3 * (kStrains * j + s) + a) + at] *
-                            scratch.z[kWideLanes * (3 * j + r) + at];
+      const int r = e / 3, a = e % 3;
+      const double rest = half.batch.rest[kWideLanes * (3 * j + r) + at];
+      moment[e] += rest * scratch.start[kWideLanes * (3 * j + a) + at];
+      for (int n = 0; n < 9; n++) {
+        moment[9 * (1 + n) + e] += rest * scratch.moment[kWideLanes * (27 * j + 9 * a + 3 * (n % 3) + n / 3) + at];
       }
     }
   }
-  for (int s = 0; s < kStrains; s++) load[s] = AlongStrain(moment, s);
   std::fill_n(pressed->strain, kStrains, 0.0);
   std::fill_n(pressed->slope, 9 * kStrains, 0.0);
   for (int s = 0; s < kStrains; s++) {
     for (int t = 0; t < kStrains; t++) {
       const double c = C[kWideLanes * (kStrains * s + t)];
-      pressed->strain[s] += c * load[t];
-      for (int n = 0; n < 9; n++) pressed->slope[9 * s + n] += c * lever[9 * t + n];
+      pressed->strain[s] += c * AlongStrain(moment, t);
+      for (int n = 0; n < 9; n++) pressed->slope[9 * s + n] += c * AlongStrain(moment + 9 * (1 + n), t);
     }
   }
 }
@@ -499,7 +497,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
   for (int j = 0; j < half.size; j++) {
     V of_j[18], T[3 * kStrains];
     for (int e = 0; e < 18; e++) of_j[e] = half.Of(scratch.follow.data(), 18 * j + e);
-    if (pressed) PressedRow(half, *pressed, j, T);
+    if (pressed) PressedRow(half, *pressed, scratch, j, T);
     for (int k = 0; k <= j; k++, entry += 9, pair += kWideLanes) {
       V block[9], left[9];
       for (int e = 0; e < 9; e++) block[e] = half.Of(half.moduli.stiffness.data(), entry + e);
@@ -511,7 +509,7 @@ MJFRAMES_INLINE void AddStiffness(const Half<V>& half, const V* R, const V& firm
         }
       }
       for (int q = 0; q < half.batch.cells; q++) AddCell(half, q, j, k, scratch, block);
-      if (pressed) AddPressedBlock(half, T, k, block);
+      if (pressed) AddPressedBlock(half, T, scratch, k, block);
       Mul3(scaled, block, left);
       for (int e = 0; e < 9; e++) {
         const V* row = left + e / 3 * 3;
@@ -571,8 +569,8 @@ MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R,
   V there[9], torque[3] = {};
   std::copy_n(scratch->z.begin(), 3 * kWideLanes * static_cast<size_t>(half.batch.size), scratch->before.begin());
   if (Rotate(half, regions, ahead, scratch, there)) {
-    PressedRegions<V> pressed(half, scratch->product.data());
-    AddPressed(half, false, scratch->z.data(), &pressed, scratch->product.data());
+    PressedRegions<V> pressed = FindPressed(half, *scratch);
+    AddPressed(half, false, &pressed, scratch);
   }
   for (int j = 0; j < half.size; j++) {
     V z[3], w[3], moment[3];
@@ -602,7 +600,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
     if (regions <= 0) break;  // the last regions do not fill all lanes
     V R[9], twist[9], inverse[9];
     std::optional<PressedRegions<V>> pressed;
-    if (Rotate(half, regions, x, scratch, R)) pressed.emplace(half, scratch->product.data());
+    if (Rotate(half, regions, x, scratch, R)) pressed = FindPressed(half, *scratch);
     V energy = {};
     if (wanted.energy) energy = Quadratic(half, *scratch);
     if (wanted.energy && pressed) energy += pressed->at.energy;
@@ -611,9 +609,8 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
       if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(R, lane);
     }
     if (!wanted.force) continue;
-    const bool curved = wanted.stiffness || wanted.ahead;
     if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
-    if (pressed) AddPressed(half, curved, scratch->z.data(), &*pressed, scratch->product.data());
+    if (pressed) AddPressed(half, wanted.stiffness || wanted.ahead, &*pressed, scratch);
     Twist(half, *scratch, twist);
     InvertTwist(twist, inverse);
     if (!wanted.ahead) AddForce(half, R, inverse, *scratch, wanted.force);

@@ -20,6 +20,11 @@ struct Half {
   MJFRAMES_INLINE void Put(const V& value, double* array, size_t entry) const {
     Store(value, array + kWideLanes * entry + first);
   }
+  // Block (j, k) of a symmetric matrix, whose blocks (j, k ≤ j) `array` has.
+  MJFRAMES_INLINE void Block(const double* array, int j, int k, V* K) const {
+    const size_t block = k <= j ? j * (j + 1) / 2 + k : k * (k + 1) / 2 + j;
+    for (int e = 0; e < 9; e++) K[e] = Of(array, 9 * block + (k <= j ? e : 3 * (e % 3) + e / 3));
+  }
 };
 
 }  // namespace mjframes
