@@ -92,8 +92,7 @@ double ShearOfCells(const Region& region, const double* factors) {
 
 // What a lane has of pressed.h.
 void FillPressed(const Region& region, const StrainMatrix& energy, int lane, RegionBatch::Moduli* moduli) {
-  const std::optional<StrainMatrix> compliance =
-      region.solid && region.cells.empty() ? InverseOf(energy) : std::nullopt;
+  const std::optional<StrainMatrix> compliance = region.stiffens && region.solid ? InverseOf(energy) : std::nullopt;
   // a uniform strain has (3 λ + 2 μ) V on dilations and 2 μ V on shears
   const double mu = 0.5 * Shear(energy), lame = std::max(0.0, (Dilation(energy) - 2 * mu) / 3);
   moduli->pressed[lane] = compliance && lame > 0 ? mu * lame / (lame + mu) : 0;

@@ -20,7 +20,8 @@
 // in place of ½ yᵀ K_e y. K_e is what the law leaves of the stiffness at rest, Σ_q V_q E_qᵀ C E_q + K_e
 // (mjframes/whole_body/cells.py). K has Σ_q V_q E_qᵀ H_q E_q more, H_q = ∂P/∂F projected (hessian.h).
 //
-// One without cells gets stiffer where it is pressed, by ψ of pressed.h: W has ψ(E y) more, and H has Eᵀ (∂²ψ/∂ε²) E.
+// A region of one frame without cells gets stiffer where it is pressed, by ψ of pressed.h: W has ψ(E y) more, and H has
+// Eᵀ (∂²ψ/∂ε²) E. The paper's regions do not.
 //
 // Index letters: j, k control point of the region; p frame; q cell; r, s rows of F; a, b its columns; lane region.
 
@@ -53,6 +54,7 @@ struct Region {
   std::vector<Vec3> rest;         // x̄_j minus their mean [m]                (m)
   std::vector<Vec3> gradient;     // ḡ_j [1/m]                               (m)
   bool solid;                     // whether ḡ shows all of F: its points do not lie in a plane at rest
+  bool stiffens;                  // whether it does where it is pressed (pressed.h)
   std::vector<double> stiffness;  // K_e [N/m]                               (3m × 3m)
   Shares shares;                  // what each material has of it; none where there is one alone
   std::vector<int32_t> pair;      // pair of points of each block (j, k ≤ j) (m(m+1)/2)
@@ -72,7 +74,7 @@ struct RegionBatch {
   struct Moduli {
     std::vector<double> stiffness;        // K_e's blocks (j, k ≤ j) with those of κ, row major     (m(m+1)/2 × 9)
     std::vector<LawParameters> material;  // of each cell                                            (q × 8)
-    std::vector<double> pressed;          // c of pressed.h [J], 0 for regions with cells
+    std::vector<double> pressed;          // c of pressed.h [J], 0 for regions without ψ
     std::vector<double> compliance;       // C⁻¹ of pressed.h [1/J], row by row                       (6 × 6)
   };
   std::vector<int> region;       // which of the body's, none for lanes at the end without one

@@ -149,6 +149,7 @@ std::vector<Region> ReadRegions(const std::vector<Coupling>& couplings, const st
     region.gradient = Vectors(gradient, p, m);
     for (int j = 0; j < m; j++) region.rest.push_back(points[region.point[j]].rest - mean);
     region.solid = ShowsAll(region.rest, region.gradient);
+    region.stiffens = reader->Has("region_stiffens");
     region.stiffness.resize(n * n);
     for (size_t row = 0; row < n; row++) {
       for (size_t col = 0; col <= row; col++) {

@@ -29,6 +29,7 @@ inline constexpr const char* kSoftAttributes[] = {
     "region_point",
     "region_gradient",
     "region_stiffness",
+    "region_stiffens",
     "materials",
     "region_own",
     "region_share",

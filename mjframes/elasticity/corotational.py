@@ -10,8 +10,8 @@ as the points move and C is the curvature of W in such turns. Where C is far fro
 Ω = (Zᵀ H Z)⁻¹ Zᵀ H, as with a hyperelastic law, and K is twice that. As the least of smooth functions of x, W is
 continuous, and has the gradient of the least one.
 
-Hooke's law in turning axes gets no stiffer where it is pressed, and loses its resistance to shear. So W has the energy
-of pressed.py as well, ψ(E y), and H has Eᵀ (∂²ψ/∂ε²) E.
+Hooke's law in turning axes gets no stiffer where it is pressed, and loses its resistance to shear. So W of the whole
+body's regions has the energy of pressed.py as well, ψ(E y), and H has Eᵀ (∂²ψ/∂ε²) E.
 
 A hyperelastic law takes its share of the energy, in cells q of the region (`whole_body.cells`); K_e is what remains:
 
@@ -158,6 +158,7 @@ class CorotationalRegion:
     gradient: ḡ (m, 3) [1/m].
     stiffness: K_e [N/m].
     cells: of a hyperelastic law, of which K_e is what remains.
+    stiffens: whether it does where it is pressed; the paper's regions do not.
     """
 
     points: NDArray[np.int64]
@@ -165,6 +166,7 @@ class CorotationalRegion:
     gradient: NDArray[np.float64]
     stiffness: NDArray[np.float64]
     cells: tuple[LawCell, ...] = ()
+    stiffens: bool = False
 
     @cached_property
     def solid(self) -> bool:
@@ -191,8 +193,8 @@ class CorotationalRegion:
 
     @cached_property
     def pressed(self) -> PressedCell:
-        """Return how the region is where it is pressed; not at all where there are cells or F is not known."""
-        return PressedCell.none(self.rest.size) if self.cells or not self.solid else PressedCell.of(self.uniform)
+        """Return how the region is where it is pressed, without ψ where it has none or F is not known."""
+        return PressedCell.of(self.uniform) if self.stiffens and self.solid else PressedCell.none(self.rest.size)
 
     def rotation(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R (3, 3), the rotation of least energy."""

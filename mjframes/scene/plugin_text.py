@@ -23,8 +23,9 @@ from mjframes.whole_body.cells import Cells
 # fmt: off
 ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "version", "law", "mode", "alpha", "beta", "carrier_size", "carrier_point", "point_offset", "point_rest",
-    "point_mass", "point_branch", "region_size", "region_point", "region_gradient", "region_stiffness", "materials",
-    "region_own", "region_share", "law_constants", "law_factor", "quadrature_count", "quadrature_volume",
+    "point_mass", "point_branch", "region_size", "region_point", "region_gradient", "region_stiffness",
+    "region_stiffens", "materials", "region_own", "region_share", "law_constants", "law_factor", "quadrature_count",
+    "quadrature_volume",
     "quadrature_material", "quadrature_gradient", "cell_count", "cell_volume", "cell_material", "cell_slope",
     "region_mass", "region_enlargement", "contact_reach", "patch_size", "patch_clusters", "patch_cluster_size",
     "patch_point", "patch_weight", "patch_offset", "patch_dent", "patch_factor", "lattice_spacing", "lattice_axes",
@@ -100,10 +101,13 @@ def _corotational(body: SoftBody, rest: np.ndarray) -> dict[str, str]:
         shows_rotations(gradient, rest[points])
         for points, gradient in zip(stiffness.points, stiffness.gradient, strict=True)
     ]
-    return {
+    values = {
         "region_gradient": encode(np.concatenate(gradients)),
         "region_stiffness": encode(np.concatenate([lower_triangle(matrix) for matrix in matrices])),
     }
+    if body.law == COROTATIONAL and body.error is not None:  # the paper's method is as the paper has it
+        values["region_stiffens"] = "1"
+    return values
 
 
 def _materials(body: SoftBody) -> dict[str, str]:

@@ -87,8 +87,9 @@ class Soft:
             matrices = triangles(decode(self.configuration["region_stiffness"]), 3 * self._sizes)
             cells = self._cells_of(self._laws if "law_constants" in self.configuration else ())
             parts = zip(self._points, gradients, matrices, cells, strict=True)
+            stiffens = "region_stiffens" in self.configuration
             return [
-                CorotationalRegion(points, self.rest[points], gradient, matrix, own)
+                CorotationalRegion(points, self.rest[points], gradient, matrix, own, stiffens)
                 for points, gradient, matrix, own in parts
             ]
         laws = self._laws

@@ -27,7 +27,7 @@ def tetrahedron(poisson: float) -> tuple[CorotationalRegion, float, float]:
         strain[:, r, 3 * j + r] += 0.5 * g[j]
     trace = np.einsum("aai->i", strain)
     K = volume * (lam * np.outer(trace, trace) + 2 * mu * np.einsum("abi,abj->ij", strain, strain))
-    return CorotationalRegion(np.arange(4), CORNERS, g, K), lam * volume, mu * volume
+    return CorotationalRegion(np.arange(4), CORNERS, g, K, stiffens=True), lam * volume, mu * volume
 
 
 def strains() -> list[np.ndarray]:
