@@ -27,6 +27,7 @@ from mjframes.whole_body.superelement import Superelement, degrees
 Array = NDArray[np.float64]
 
 MODES = 12  # a region: half of what weights miss is in the first eight to sixteen
+STILL = 1e-14  # [-] to the variance of the points, what is rounding: a bone does not deform
 SEEN = 1e-10  # [-] eigenvalue of a scaled covariance below which a combination of points never moves
 FLAT = 1e-9  # [-] singular value below which points cannot turn about an axis
 OTHER = 1e-6  # [-] what a neighbour of another material counts in a slope: nothing beside one of the same
@@ -68,8 +69,9 @@ def lifting(
         dof = degrees(points)
         own = covariance[np.ix_(dof, dof)]
         relative = relative_motions(control.rest[points], np.flatnonzero(np.diagonal(own) <= 0))
-        inverse = inverse_root(relative @ own @ relative.T)
-        if not len(voxels[e]) or not len(inverse):
+        seen = relative @ own @ relative.T
+        inverse = inverse_root(seen)
+        if not len(voxels[e]) or not len(inverse) or np.trace(seen) < STILL * np.trace(own):
             return np.zeros((len(voxels[e]), 3, 0), np.float32), np.zeros((0, len(dof)))
         unit = relative.T @ inverse.T  # to unit, independent motions of the points, but for their common rigid one
         wanted = (followed[:, dof] @ unit).astype(np.float32)

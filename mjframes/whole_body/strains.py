@@ -222,7 +222,7 @@ def strains(
             apart = _uneven(rest, even)
         seen = apart @ y
         inverse = inverse_root(seen @ seen.T)
-        if not len(some) or not len(inverse) or np.abs(seen).max() < STILL * np.abs(y).max():
+        if not len(some) or not len(inverse) or np.abs(seen).max() < STILL * np.abs(x[degrees(points)]).max():
             return np.zeros((len(some), 6, 0), np.float16), np.zeros((0, y.shape[0]))
         mix = seen.T @ inverse.T  # (s, q) to unit, independent motions of the points
         uniform = np.einsum("jrq,ja->raq", (y @ mix).reshape(len(points), 3, -1), even)
