@@ -54,7 +54,7 @@ struct Region {
   std::vector<Vec3> rest;         // x̄_j minus their mean [m]                (m)
   std::vector<Vec3> gradient;     // ḡ_j [1/m]                               (m)
   bool solid;                     // whether ḡ shows all of F: its points do not lie in a plane at rest
-  bool stiffens;                  // whether it does where it is pressed (pressed.h)
+  bool stiffens;                  // whether it gets stiffer where it is pressed (pressed.h)
   std::vector<double> stiffness;  // K_e [N/m]                               (3m × 3m)
   Shares shares;                  // what each material has of it; none where there is one alone
   std::vector<int32_t> pair;      // pair of points of each block (j, k ≤ j) (m(m+1)/2)

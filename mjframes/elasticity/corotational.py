@@ -158,7 +158,7 @@ class CorotationalRegion:
     gradient: ḡ (m, 3) [1/m].
     stiffness: K_e [N/m].
     cells: of a hyperelastic law, of which K_e is what remains.
-    stiffens: whether it does where it is pressed; the paper's regions do not.
+    stiffens: whether it gets stiffer where it is pressed; the paper's regions do not.
     """
 
     points: NDArray[np.int64]

@@ -25,12 +25,12 @@ ATTRIBUTES = (  # in the plugin's order, which is that of the compiled model
     "version", "law", "mode", "alpha", "beta", "carrier_size", "carrier_point", "point_offset", "point_rest",
     "point_mass", "point_branch", "region_size", "region_point", "region_gradient", "region_stiffness",
     "region_stiffens", "materials", "region_own", "region_share", "law_constants", "law_factor", "quadrature_count",
-    "quadrature_volume",
-    "quadrature_material", "quadrature_gradient", "cell_count", "cell_volume", "cell_material", "cell_slope",
-    "region_mass", "region_enlargement", "contact_reach", "patch_size", "patch_clusters", "patch_cluster_size",
-    "patch_point", "patch_weight", "patch_offset", "patch_dent", "patch_factor", "lattice_spacing", "lattice_axes",
-    "lattice_origin", "lattice_shape", "lattice_node", "lattice_distance", "lattice_patch", "lattice_set",
-    "set_size", "set_point", "lattice_weight", "lattice_vertex", "lattice_normal", "asset",
+    "quadrature_volume", "quadrature_material", "quadrature_gradient", "cell_count", "cell_volume", "cell_material",
+    "cell_slope", "region_mass", "region_enlargement", "contact_reach", "patch_size", "patch_clusters",
+    "patch_cluster_size", "patch_point", "patch_weight", "patch_offset", "patch_dent", "patch_factor",
+    "lattice_spacing", "lattice_axes", "lattice_origin", "lattice_shape", "lattice_node", "lattice_distance",
+    "lattice_patch", "lattice_set", "set_size", "set_point", "lattice_weight", "lattice_vertex", "lattice_normal",
+    "asset",
 )
 # fmt: on
 TYPES = {"i8": "<i1", "i16": "<i2", "i32": "<i4", "f32": "<f4", "f64": "<f8"}  # of arrays
