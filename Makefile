@@ -19,10 +19,9 @@ MUJOCO := 3.17.0
 MUJOCO4 := 4.0.0
 
 # A process a core, and one thread in each: more would wait for each other. A file's tests are in one process, in the
-# order of the files: the one of the most tests first would leave a few long tests for the end. NumPy's AVX-512 differs
-# in last digits, and of points equally far another then touches: golden pictures are those of processors without it.
+# order of the files: the one of the most tests first would leave a few long tests for the end.
 define pytest
-$(call draw,$(1)) OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512_ICL AVX512_SPR" $(1)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+$(call draw,$(1)) OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(1)/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 endef
 PIP_INSTALL := -m pip install -q --disable-pip-version-check
 # The way MuJoCo draws without a display: MUJOCO_GL if it is set, else the first that works.

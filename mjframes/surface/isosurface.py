@@ -91,11 +91,17 @@ def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, mobile: np.ndarray
     for _ in range(OFFSETS):
         mesh = _mesh(vertices, faces)
         way = np.where(mobile, mesh.vertex_normals, 0)
-        area = np.einsum("tc,tic->", mesh.face_normals * mesh.area_faces[:, None], way[faces]) / 3
+        outward = mesh.face_normals * mesh.area_faces[:, None]
+        area = _sum((outward[:, None] * way[faces]).reshape(len(faces), -1)) / 3
         if not area > 0:
             return vertices
-        vertices = vertices + (target - mesh.volume) / area * way
+        vertices = vertices + (target - _sum(outward * mesh.triangles[:, 0]) / 3) / area * way
     return vertices
+
+
+def _sum(values: np.ndarray) -> float:
+    """The sum in the order of the values: NumPy's depends on the processor, and with it which vertices touch."""
+    return float(np.cumsum(values)[-1])
 
 
 def _material_indicators(labels: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -234,3 +239,29 @@ def test_a_single_voxel_has_a_surface_around_it() -> None:
     surface = extract_surface(make_volume(np.ones((1, 1, 1), int), spacing=0.002))
     assert surface.mesh.volume == pytest.approx(0.002**3, rel=1e-9)
     assert np.linalg.norm(surface.mesh.vertex_normals, axis=1).min() > 0.99
+
+
+ON_ANOTHER = """
+import sys
+import numpy as np
+import mjframes as mf
+from mjframes.surface.contact_points import contact_points
+from mjframes.surface.isosurface import extract_surface
+volume = mf.Volume.load(sys.argv[1])
+np.save(sys.argv[2], contact_points(extract_surface(volume), float(np.min(volume.spacing)), volume.axes).positions)
+"""
+
+
+def test_contact_points_do_not_depend_on_the_processor(tmp_path: Path) -> None:
+    steak = Path(__file__).parents[2] / "models" / "steak.npz"
+    vectors = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+    if not vectors:
+        pytest.skip("NumPy has one way to add here")
+    found = []
+    for k in range(len(vectors) + 1):  # without the last ones
+        path = tmp_path / f"{k}.npy"
+        environment = {**os.environ, "NPY_DISABLE_CPU_FEATURES": " ".join(vectors[k:])}
+        subprocess.run([sys.executable, "-c", ON_ANOTHER, str(steak), str(path)], env=environment, check=True)
+        found.append(np.load(path))
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-12)
