@@ -8,6 +8,7 @@ equal.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,8 +101,8 @@ def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, mobile: np.ndarray
 
 
 def _sum(values: np.ndarray) -> float:
-    """The sum in the order of the values: NumPy's depends on the processor, and with it which vertices touch."""
-    return float(np.cumsum(values)[-1])
+    """The sum without rounding: NumPy's depends on the processor, and with it which vertices touch."""
+    return math.fsum(values.ravel())
 
 
 def _material_indicators(labels: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
