@@ -40,7 +40,7 @@ def contact_points(surface: Surface, spacing: float, axes: np.ndarray, count: in
     spacing: of the voxels, the smallest [m].  axes: (3, 3) of the volume, along which its flat sides are.
     """
     mesh = surface.mesh
-    normals = mesh.vertex_normals
+    normals = surface.vertex_normals
     # Distances see the normals too: the two sides of a thin plate are then far apart, and sharp edges get more points.
     reach = np.sqrt(mesh.area / count)
     chosen = farthest_points(np.hstack([surface.vertices, reach * normals]), _extremes(surface.vertices), count)

@@ -133,7 +133,7 @@ def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.
         owner.append(np.repeat(some, len(u)))
     near = np.asarray(KDTree(np.concatenate(samples)).query(points, k=8)[1])
     candidates = np.concatenate(owner)[near]
-    normals = surface.mesh.vertex_normals[surface.faces]
+    normals = surface.vertex_normals[surface.faces]
     best, sign = np.full(len(points), np.inf), np.ones(len(points))
     for triangle in candidates.T:
         weight = _closest_weights(points, a[triangle], b[triangle], c[triangle])

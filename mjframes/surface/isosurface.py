@@ -18,6 +18,7 @@ from scipy.spatial import KDTree
 from mjframes.base.cache import cached
 from mjframes.base.constants import LEAST_VERTICES, VERTICES
 from mjframes.base.errors import MjframesError
+from mjframes.base.portable import each
 from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
 from mjframes.surface.net import Net, surface_net
@@ -47,6 +48,11 @@ class Surface:
     def mesh(self) -> trimesh.Trimesh:
         """Return its triangles, for areas, normals and the volume inside."""
         return _mesh(self.vertices, self.faces)
+
+    @property
+    def vertex_normals(self) -> np.ndarray:
+        """Return the unit normal at each vertex (s, 3), outward."""
+        return _vertex_normals(self.mesh)
 
 
 def extract_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
@@ -91,18 +97,12 @@ def _conserve_volume(vertices: np.ndarray, faces: np.ndarray, mobile: np.ndarray
     """
     for _ in range(OFFSETS):
         mesh = _mesh(vertices, faces)
-        way = np.where(mobile, mesh.vertex_normals, 0)
-        outward = mesh.face_normals * mesh.area_faces[:, None]
-        area = _sum((outward[:, None] * way[faces]).reshape(len(faces), -1)) / 3
+        way = np.where(mobile, _vertex_normals(mesh), 0)
+        area = np.einsum("tc,tic->", mesh.face_normals * mesh.area_faces[:, None], way[faces]) / 3
         if not area > 0:
             return vertices
-        vertices = vertices + (target - _sum(outward * mesh.triangles[:, 0]) / 3) / area * way
+        vertices = vertices + (target - mesh.volume) / area * way
     return vertices
-
-
-def _sum(values: np.ndarray) -> float:
-    """The sum without rounding: NumPy's depends on the processor, and with it which vertices touch."""
-    return math.fsum(values.ravel())
 
 
 def _material_indicators(labels: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,9 +114,22 @@ def _material_indicators(labels: np.ndarray, index: np.ndarray) -> tuple[np.ndar
     for offset in itertools.product(range(-2, 3), repeat=3):
         at = np.clip(base + offset, 0, np.array(labels.shape) - 1)
         label = labels[tuple(at.T)]
-        gauss = np.exp(-(((base + offset - index) / SMOOTHING) ** 2).sum(axis=1) / 2)
+        gauss = each(math.exp, -(((base + offset - index) / SMOOTHING) ** 2).sum(axis=1) / 2)
         indicator[rows, np.searchsorted(materials, label) % len(materials)] += gauss * (label > 0)
     return materials, indicator
+
+
+def _vertex_normals(mesh: trimesh.Trimesh) -> np.ndarray:
+    """(s, 3) means of the triangles' normals by their angles, as the mesh's own, whose acos is not portable."""
+    a, b, c = mesh.triangles.transpose(1, 0, 2)
+    along, across, opposite = (np.asarray(trimesh.util.unitize(edge)) for edge in (b - a, c - a, c - b))
+    cosines = trimesh.util.diagonal_dot(along, across), trimesh.util.diagonal_dot(-along, opposite)
+    one, two = (each(math.acos, np.clip(cosine, -1, 1)) for cosine in cosines)
+    angles = np.stack([one, two, np.pi - one - two], axis=1)
+    angles[(angles < trimesh.tol.merge).any(axis=1)] = 0  # of triangles without a normal
+    return np.asarray(
+        trimesh.geometry.weighted_vertex_normals(len(mesh.vertices), mesh.faces, mesh.face_normals, angles)
+    )
 
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
