@@ -82,6 +82,15 @@ Quadric FitAround(const Samples& samples, const Vec3& place, const Tangents& tan
   return quadric;
 }
 
+// How far material of that slope is a ball that rolls: 1, and 0 where it is squeezed so flat that a point of it may
+// turn much faster than it rolls.
+double Rolls(const Mat3& slope) {
+  double square = 0;
+  for (const double entry : slope) square += entry * entry;
+  const double even = Det(slope) / std::max(mjMINVAL, std::pow(square / 3, 1.5));  // 1 for a turn, at any size
+  return std::clamp((even - kFlatSlope) / (kRoundSlope - kFlatSlope), 0.0, 1.0);
+}
+
 }  // namespace
 
 double RoundReach(const Patch& patch) { return kRoundReach * patch.volume.spacing; }
@@ -132,13 +141,14 @@ double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, cons
                    int body) {
   if (!(touch.radius[0] > 0 || touch.radius[1] > 0)) return 0;
   const Mat3 slope = volume.SlopeOf(kinematics.x().data()), rate = volume.SlopeOf(kinematics.v().data());
-  if (!(Det(slope) > mjMINVAL)) return 0;
+  const double rolls = Rolls(slope);
+  if (rolls == 0) return 0;
   const Vec3 normal = kinematics.ToLocal(d, touch.normal);
   const Vec3 turned = Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(rate, normal)));  // −∂N/∂t of the material
   const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
   const Vec3 axis = {touch.axis[0], touch.axis[1], touch.axis[2]};
   const double along = Dot(axis, turn), across = Dot(Cross(touch.normal, axis), turn);
-  return touch.radius[0] * along * along + touch.radius[1] * across * across;
+  return rolls * (touch.radius[0] * along * along + touch.radius[1] * across * across);
 }
 
 }  // namespace mjframes

@@ -12,27 +12,11 @@
 namespace mjframes {
 namespace {
 
-// The root of the mean squared distance of the points from their middle, at rest.
-double Extent(const std::vector<ControlPoint>& points) {
-  Vec3 middle{};
-  double sum = 0;
-  for (const ControlPoint& point : points) middle = middle + (1.0 / points.size()) * point.rest;
-  for (const ControlPoint& point : points) sum += Dot(point.rest - middle, point.rest - middle);
-  return std::sqrt(sum / points.size());
-}
-
 // Of the law `corotational` alone, where points show all of how a region turns.
 bool Corrects(const ElasticModel& elastic) {
   const auto plain = [](const Region& region) { return region.solid && region.cells.empty(); };
   return elastic.quadrature.empty() && !elastic.enlarges &&
          std::all_of(elastic.regions.begin(), elastic.regions.end(), plain);
-}
-
-// Takes their mean from all.
-void Centre(std::vector<Vec3>* all) {
-  Vec3 mean{};
-  for (const Vec3& some : *all) mean = mean + (1.0 / all->size()) * some;
-  for (Vec3& some : *all) some = some - mean;
 }
 
 }  // namespace
@@ -54,21 +38,16 @@ SoftBody::SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftMod
       elasticity_(model_->elastic, kinematics_.pairs()),
       contact_(m, model_->contact, kinematics_),
       scaling_reader_(scaling),
-      corrects_(model_->implicit && !kinematics_.turning() && Corrects(model_->elastic)),
-      extent_(Extent(kinematics_.points())),
-      elastic_(kinematics_.points().size()),
-      added_(elastic_.size()),
-      kick_(elastic_.size()),
-      change_(elastic_.size()),
-      ahead_(elastic_.size()),
-      best_(elastic_.size()),
       force_(kinematics_.points().size()),
       moved_(force_.size()),
       mass_scale_(force_.size(), 1.0),
       mass_(model_->mass),
       mass_difference_(model_->mass_difference),
       total_mass_(TotalMass()),
-      added_mass_(mass_.size()) {}
+      added_mass_(mass_.size()) {
+  if (model_->implicit && !kinematics_.turning() && Corrects(model_->elastic))
+    correction_.emplace(&kinematics_, &elasticity_);
+}
 
 double SoftBody::TotalMass() const {
   double sum = 0;
@@ -111,13 +90,11 @@ void SoftBody::Locate(const mjModel* m, const mjData* d) {
   ScaleMass(m);
   elasticity_.Scale(scaling_reader_.Read(m).stiffness);
   kinematics_.Gather(m, d);
-  firmness_ = made_ = 0;
-  settled_ = false;
 }
 
 void SoftBody::AddElasticity(const mjData* d) {
   elasticity_.Evaluate(kinematics_.x().data(), model_->implicit || model_->beta > 0, &force_);
-  elastic_ = force_;
+  if (correction_) correction_->Start(force_);
   if (model_->implicit) kinematics_.StiffenTurns(force_, d);
 }
 
@@ -151,98 +128,22 @@ void SoftBody::SubtractMass(const std::vector<double>& mass, double scale, const
 
 void SoftBody::StoreInertia(const mjModel* m, mjData* d, bool consistent) {
   const double h = m->opt.timestep, alpha = scaling().alpha * model_->alpha, beta = scaling().beta * model_->beta;
+  const double firmness = correction_ ? correction_->firmness() : 0;
   for (size_t i = 0; i < mass_.size(); i++) {
     added_mass_[i] = model_->implicit ? h * alpha * mass_[i] : 0;
     if (consistent) added_mass_[i] += mass_difference_[i];
   }
-  kinematics_.StoreInertia(elasticity_.StiffnessForInertia(), model_->implicit ? h * ((1 + firmness_) * h + beta) : 0,
+  kinematics_.StoreInertia(elasticity_.StiffnessForInertia(), model_->implicit ? h * ((1 + firmness) * h + beta) : 0,
                            added_mass_.data(), m, d);
 }
 
-bool SoftBody::IsFar(const std::vector<Vec3>& moved) const {
-  const double far = kFastStep * extent_;
-  return std::any_of(moved.begin(), moved.end(), [far](const Vec3& some) { return Dot(some, some) > far * far; });
-}
+bool SoftBody::IsFast(double h, bool constrained) { return correction_ && correction_->IsFast(h, constrained, force_); }
 
-bool SoftBody::IsFast(double h, bool constrained) {
-  if (!corrects_) return false;
-  const std::vector<Vec3>& v = kinematics_.v();
-  for (size_t j = 0; j < v.size(); j++) {  // as an explicit step
-    change_[j] = h * v[j] + (h * h / kinematics_.points()[j].mass) * force_[j];
-  }
-  if (!constrained) Centre(&change_);
-  return IsFar(change_);
-}
-
-// Of `kick_` and `change_`; to the elastic and kinetic energy there is.
-double SoftBody::GainOf(double h) {
-  const double beta = scaling().beta * model_->beta;
-  const std::vector<Vec3>& x = kinematics_.x();
-  double kinetic = 0, lost = 0, work = 0;
-  for (size_t j = 0; j < x.size(); j++) {
-    ahead_[j] = x[j] + change_[j];
-    moved_[j] = (1 + firmness_ + beta / h) * change_[j];
-    force_[j] = elastic_[j] + added_[j];
-  }
-  for (size_t i = 0; i < mass_.size(); i++) {
-    const PointPair& pair = kinematics_.pairs()[i];
-    const double half = (pair.j == pair.k ? 0.5 : 1) * mass_[i];
-    lost += half * Dot(kick_[pair.j], kick_[pair.k]);
-    kinetic += half * Dot(change_[pair.j], change_[pair.k]) / (h * h);
-  }
-  elasticity_.SubtractProduct(moved_.data(), force_.data());
-  for (size_t j = 0; j < x.size(); j++) work += Dot(force_[j], change_[j]);
-  const double before = elasticity_.Energy(x.data()), after = elasticity_.Energy(ahead_.data());
-  return (after - before + work - lost) / (before + kinetic);
-}
-
-bool SoftBody::Correct(const mjModel* m, mjData* d, const double* a, bool* firmer) {
-  if (!corrects_ || settled_) return false;
-  const double h = m->opt.timestep;
-  const std::vector<Vec3>& v = kinematics_.v();
-  if (made_ == 0) std::fill(added_.begin(), added_.end(), Vec3{});
-  kinematics_.Slide(a, &kick_);
-  for (size_t j = 0; j < v.size(); j++) {
-    kick_[j] = h * kick_[j];
-    change_[j] = h * (v[j] + kick_[j]);
-  }
-  Centre(&change_);
-  if (!IsFar(change_)) return false;
-  const double made = GainOf(h);
-  if (!(made > kMadeEnergy)) return false;
-  const bool worse = firmness_ > 0 && made > best_made_ && best_made_ < kLittleEnergy;
-  double firmness = firmness_;
-  if (worse) {
-    settled_ = true;
-    force_ = best_;
-    firmness = best_firmness_;
-  } else {
-    if (made_ > 0 && made > kBetterStep * made_) firmness = 1 + 2 * firmness_;
-    if (made_ == 0 || made < best_made_) {
-      best_ = added_;
-      best_firmness_ = firmness_;
-      best_made_ = made;
-    }
-    elasticity_.EvaluateAhead(kinematics_.x().data(), ahead_.data(), &force_);
-    for (size_t j = 0; j < v.size(); j++) {
-      force_[j] = force_[j] - elastic_[j];
-      moved_[j] = -1 * change_[j];
-    }
-    elasticity_.SubtractProduct(moved_.data(), force_.data());
-  }
-  for (size_t j = 0; j < v.size(); j++) {  // what is new of c and s
-    const Vec3 before = added_[j];
-    added_[j] = force_[j];
-    force_[j] = force_[j] - before;
-    moved_[j] = (firmness - firmness_) * h * v[j];
-  }
-  if (firmness != firmness_) {
-    Centre(&moved_);
-    elasticity_.SubtractProduct(moved_.data(), force_.data());
-    firmness_ = firmness;
-    *firmer = true;
-  }
-  made_ = made;
+bool SoftBody::Correct(const mjModel* m, mjData* d, const double* a, bool last, bool* firmer) {
+  if (!correction_) return false;
+  const double firmness = correction_->firmness(), beta = scaling().beta * model_->beta;
+  if (!correction_->Improve(m->opt.timestep, beta, mass_, a, last, &force_)) return false;
+  *firmer = *firmer || correction_->firmness() != firmness;
   kinematics_.StoreForce(force_, d);
   return true;
 }

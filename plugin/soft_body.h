@@ -1,21 +1,6 @@
 // One soft body of one mjData: its elasticity, its kinematics, its contact and its mass. world.h says when what is
 // called. Index letters: j, k control point; e region; s surface vertex. Everything is in the soft body's own axes
 // [SI].
-//
-// Points move by h v along straight lines, and what turns in a step by an angle is stretched by half its square. Where
-// the step would make energy so, it is looked at again before it is taken. With δ = h (v + h a), what the points will
-// move by,
-//
-//   gain = W(x + δ) − W(x) + δ·(f + c − (1 + s + β/h) K δ) − ½ (h a)ᵀ M (h a)
-//
-// is what W and the kinetic energy gain beside the work of others. If it is positive,
-//
-//   c = f̂ − f + K δ,   f̂ = −Σ_e R_e P_eᵀ ŵ_e
-//
-// is added to the force, with ŵ = ∂W/∂y at x + δ, in the axes of each region there: Newton's next step to an end where
-// the force is that of the end. P and R are those of x, so that momentum and angular momentum stay. Where c does not
-// help, K is held s times more for this step, as Rayleigh's damping by β = s h would. Bodies at rest and slow ones
-// never come here; nor do rigid frames, which turn without a stretch.
 
 #ifndef MJFRAMES_PLUGIN_SOFT_BODY_H_
 #define MJFRAMES_PLUGIN_SOFT_BODY_H_
@@ -23,6 +8,7 @@
 #include <mujoco/mujoco.h>
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "elasticity.h"
@@ -31,6 +17,7 @@
 #include "scaling.h"
 #include "soft_contact.h"
 #include "soft_model.h"
+#include "step_correction.h"
 
 namespace mjframes {
 
@@ -52,8 +39,9 @@ class SoftBody {
   // of them, if it is constrained; after AddDamping.
   bool IsFast(double h, bool constrained);
   // Corrects the step that the accelerations a (nv) make, if it makes energy: qfrc_passive += Jᵀ of what is new, and
-  // whether d->M has to be stored again is in `firmer`. False where nothing had to be done.
-  bool Correct(const mjModel* m, mjData* d, const double* a, bool* firmer);
+  // whether d->M has to be stored again is in `firmer`. False where nothing had to be done. last: no further look
+  // comes.
+  bool Correct(const mjModel* m, mjData* d, const double* a, bool last, bool* firmer);
 
   // After Locate [J].
   double ElasticEnergy() { return elasticity_.Energy(kinematics_.x().data()); }
@@ -73,8 +61,6 @@ class SoftBody {
  private:
   SoftBody(const mjModel* m, int instance, std::shared_ptr<const SoftModel> model, const ScalingReader& scaling);
 
-  bool IsFar(const std::vector<Vec3>& moved) const;
-  double GainOf(double h);
   void ScaleMass(const mjModel* m);
   double TotalMass() const;
   void SubtractMass(const std::vector<double>& mass, double scale, const Vec3* u);
@@ -86,18 +72,9 @@ class SoftBody {
   SoftContact contact_;
   ScalingReader scaling_reader_;
 
-  bool corrects_;  // whether steps may make energy: see above
-  double extent_;  // root of the mean squared distance of the points from their middle, at rest [m]
+  std::optional<StepCorrection> correction_;  // none for bodies whose steps are taken as they are
 
   // of this step
-  std::vector<Vec3> elastic_;                // f
-  std::vector<Vec3> added_;                  // c
-  std::vector<Vec3> kick_, change_, ahead_;  // h a [m/s], δ but for its mean, x + that [m]
-  double made_ = 0;                          // the gain before the last correction, 0 for none [-]
-  double firmness_ = 0;                      // s
-  std::vector<Vec3> best_;                   // c of the least gain, its s and that gain
-  double best_firmness_ = 0, best_made_ = 0;
-  bool settled_ = false;                        // on these
   std::vector<Vec3> force_;                     // on the control points
   std::vector<Vec3> moved_;                     // rate times the velocities without their mean, see AddDamping [m]
   bool told_mass_ = false;                      // that a mass is not positive

@@ -448,6 +448,21 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
   }
 }
 
+// Has MuJoCo find the accelerations a of all degrees of freedom, as it will after this stage: it then starts there. NaN
+// where it cannot. d->qacc_smooth is known.
+void SolveByMujoco(const mjModel* m, mjData* d, const double* smooth, double* a) {
+  const size_t nv = m->nv, rows = d->nefc;
+  if (m->opt.solver == mjSOL_PGS || d->efm_active || !HasRoom(d, (nv + rows) * (nv + kSolverArrays))) {
+    std::fill_n(a, nv, std::numeric_limits<double>::quiet_NaN());
+    return;
+  }
+  mju_copy(d->qfrc_smooth, smooth, m->nv);
+  mj_referenceConstraint(m, d);
+  mj_fwdConstraint(m, d);
+  mju_copy(a, d->qacc, m->nv);
+  if (!(m->opt.disableflags & mjDSBL_WARMSTART)) mju_copy(d->qacc_warmstart, d->qacc, m->nv);
+}
+
 }  // namespace
 
 bool IsInverse(const mjData* d) { return d->nisland == 0 && d->pbase != 0; }
@@ -460,16 +475,20 @@ bool Starts(const mjModel* m, const mjData* d) {
 }
 
 void Foresee(const mjModel* m, mjData* d, bool starts, double* a) {
-  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   MarkStack(d);
   double* smooth = mj_stackAllocNum(d, m->nv);
   SmoothForce(m, d, smooth);
   mj_solveM(m, d, a, smooth, 1);
-  FreeStack(d);
+  bool known = true;
+  mju_copy(d->qacc_smooth, a, m->nv);
   for (int k = 0; k < m->nv && d->nefc > 0; k++) {
     const int island = d->nisland > 0 ? d->dof_island[k] : 0;
-    if (island >= 0) a[k] = starts && IsTaken(m, d, island) ? d->qacc_warmstart[k] : kUnknown;
+    if (island < 0) continue;
+    a[k] = d->qacc_warmstart[k];
+    known = known && starts && IsTaken(m, d, island);
   }
+  if (!known) SolveByMujoco(m, d, smooth, a);
+  FreeStack(d);
 }
 
 ConstraintRows::ConstraintRows(const mjModel* m, std::vector<char> marked)

@@ -31,8 +31,8 @@ bool IsInverse(const mjData* d);
 // Whether the solver that comes is of the kind that this one is, and starts at d->qacc_warmstart.
 bool Starts(const mjModel* m, const mjData* d);
 
-// The accelerations a (nv) that the step is going to have, after ConstraintRows::Finish; NaN where MuJoCo alone will
-// know.  starts: as there.
+// The accelerations a (nv) that the step is going to have, after ConstraintRows::Finish: of islands that are not taken
+// MuJoCo's solver finds them, and where it cannot they are NaN.  starts: as there.
 void Foresee(const mjModel* m, mjData* d, bool starts, double* a);
 
 class ConstraintRows {

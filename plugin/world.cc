@@ -142,7 +142,7 @@ void World::Step(const mjModel* m, mjData* d) {
     bool firmer = false, corrected = false;
     Foresee(m, d, starts, a);
     for (const std::unique_ptr<SoftBody>& body : bodies_) {
-      if (awake(*body)) corrected |= body->Correct(m, d, a, &firmer);
+      if (awake(*body)) corrected |= body->Correct(m, d, a, pass == kCorrections - 1, &firmer);
     }
     if (!corrected) break;
     if (firmer) factor();
