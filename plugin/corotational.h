@@ -125,7 +125,7 @@ struct Wanted {
   double* enlarged = nullptr;   // the same, each region's times its enlargement
   double* energy = nullptr;     // W [J]
   Mat3* rotation = nullptr;     // R of each region, by its number; not added
-  const Vec3* ahead = nullptr;  // places of all points [m], whose force is meant (soft_body.h); without cells
+  const Vec3* ahead = nullptr;  // places of all points [m], whose force is meant (step_correction.h)
 };
 
 // moduli: one a batch, null for those as built. x: all control points [m].

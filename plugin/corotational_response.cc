@@ -562,7 +562,7 @@ MJFRAMES_INLINE bool Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   return true;
 }
 
-// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are. Without cells.
+// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are.
 template <typename V>
 MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R, const Vec3* ahead,
                                    BatchScratch* scratch, Vec3* force) {
@@ -572,6 +572,7 @@ MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R,
     PressedRegions<V> pressed = FindPressed(half, *scratch);
     AddPressed(half, false, &pressed, scratch);
   }
+  if (half.batch.cells) AddCells(half, false, scratch);
   for (int j = 0; j < half.size; j++) {
     V z[3], w[3], moment[3];
     for (int r = 0; r < 3; r++) {

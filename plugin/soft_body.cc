@@ -12,11 +12,10 @@
 namespace mjframes {
 namespace {
 
-// Of the law `corotational` alone, where points show all of how a region turns.
+// Not of laws at quadrature points; where points show all of how a region turns.
 bool Corrects(const ElasticModel& elastic) {
-  const auto plain = [](const Region& region) { return region.solid && region.cells.empty(); };
   return elastic.quadrature.empty() && !elastic.enlarges &&
-         std::all_of(elastic.regions.begin(), elastic.regions.end(), plain);
+         std::all_of(elastic.regions.begin(), elastic.regions.end(), [](const Region& region) { return region.solid; });
 }
 
 }  // namespace
