@@ -2,9 +2,31 @@
 
 #include <algorithm>
 
+#include "constants.h"
 #include "simd.h"
 
 namespace mjframes {
+namespace {
+
+// Takes from forces at x their torque: force = P force, as in quadrature.h.
+void TakeTorque(const Vec3* x, std::vector<Vec3>* force) {
+  const size_t n = force->size();
+  Vec3 middle{}, torque{};
+  for (size_t j = 0; j < n; j++) middle = middle + (1.0 / n) * x[j];
+  Mat3 moment{};  // Zᵀ Z
+  for (size_t j = 0; j < n; j++) {
+    const Vec3 z = x[j] - middle;
+    torque = torque + Cross(z, (*force)[j]);
+    for (int e = 0; e < 9; e++) moment[e] += (e % 4 == 0 ? Dot(z, z) : 0) - z[e / 3] * z[e % 3];
+  }
+  const double trace = moment[0] + moment[4] + moment[8];
+  for (int e = 0; e < 9; e += 4) moment[e] += kInLine * trace;
+  if (!(trace > 0)) return;  // all points in one place
+  const Vec3 turn = Mul(Inverse(moment), torque);
+  for (size_t j = 0; j < n; j++) (*force)[j] = (*force)[j] - Cross(turn, x[j] - middle);
+}
+
+}  // namespace
 
 Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs)
     : model_(model),
@@ -93,6 +115,10 @@ void Elasticity::SubtractProduct(const Vec3* __restrict u, Vec3* __restrict forc
 void Elasticity::EvaluateAhead(const Vec3* x, const Vec3* ahead, std::vector<Vec3>* force) {
   std::fill(force->begin(), force->end(), Vec3{});
   AddRegions(x, {.force = force->data(), .ahead = ahead});
+  if (!model_.quadrature.empty()) {
+    AddQuadrature(model_.quadrature, ahead, &quadrature_scratch_, force->data(), nullptr);
+    TakeTorque(x, force);
+  }
   for (Vec3& f : *force) f = factor_ * f;
 }
 

@@ -40,8 +40,8 @@ class Elasticity {
   // K as d->M gets it: 3×3 row-major block a pair.
   const double* StiffnessForInertia() const { return model_.enlarges ? enlarged_.data() : stiffness_.data(); }
 
-  // The force of the places `ahead`, turned back to x: of a region −R Pᵀ ŵ (step_correction.h). Not of a law at
-  // quadrature points.
+  // The force of the places `ahead`, turned back to x: of a region −R Pᵀ ŵ (step_correction.h), of laws at quadrature
+  // points Pᵀ f̂.
   void EvaluateAhead(const Vec3* x, const Vec3* ahead, std::vector<Vec3>* force);
 
   // W [J]

@@ -12,9 +12,9 @@
 namespace mjframes {
 namespace {
 
-// Not of laws at quadrature points; where points show all of how a region turns.
+// Where points show all of how a region turns.
 bool Corrects(const ElasticModel& elastic) {
-  return elastic.quadrature.empty() && !elastic.enlarges &&
+  return !elastic.enlarges &&
          std::all_of(elastic.regions.begin(), elastic.regions.end(), [](const Region& region) { return region.solid; });
 }
 
