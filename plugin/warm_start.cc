@@ -448,8 +448,8 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
   }
 }
 
-// Has MuJoCo find the accelerations a of all degrees of freedom, as it will after this stage: it then starts there. NaN
-// where it cannot. d->qacc_smooth is known.
+// Has MuJoCo find the accelerations a of all degrees of freedom, as it will after this stage. NaN where it cannot.
+// d->qacc_smooth is known. d->qacc_warmstart stays: with these in it a step would depend on what was looked at before.
 void SolveByMujoco(const mjModel* m, mjData* d, const double* smooth, double* a) {
   const size_t nv = m->nv, rows = d->nefc;
   if (m->opt.solver == mjSOL_PGS || d->efm_active || !HasRoom(d, (nv + rows) * (nv + kSolverArrays))) {
@@ -460,7 +460,6 @@ void SolveByMujoco(const mjModel* m, mjData* d, const double* smooth, double* a)
   mj_referenceConstraint(m, d);
   mj_fwdConstraint(m, d);
   mju_copy(a, d->qacc, m->nv);
-  if (!(m->opt.disableflags & mjDSBL_WARMSTART)) mju_copy(d->qacc_warmstart, d->qacc, m->nv);
 }
 
 }  // namespace
