@@ -2,31 +2,9 @@
 
 #include <algorithm>
 
-#include "constants.h"
 #include "simd.h"
 
 namespace mjframes {
-namespace {
-
-// Takes from forces at x their torque: force = P force, as in quadrature.h.
-void TakeTorque(const Vec3* x, std::vector<Vec3>* force) {
-  const size_t n = force->size();
-  Vec3 middle{}, torque{};
-  for (size_t j = 0; j < n; j++) middle = middle + (1.0 / n) * x[j];
-  Mat3 moment{};  // Zᵀ Z
-  for (size_t j = 0; j < n; j++) {
-    const Vec3 z = x[j] - middle;
-    torque = torque + Cross(z, (*force)[j]);
-    for (int e = 0; e < 9; e++) moment[e] += (e % 4 == 0 ? Dot(z, z) : 0) - z[e / 3] * z[e % 3];
-  }
-  const double trace = moment[0] + moment[4] + moment[8];
-  for (int e = 0; e < 9; e += 4) moment[e] += kInLine * trace;
-  if (!(trace > 0)) return;  // all points in one place
-  const Vec3 turn = Mul(Inverse(moment), torque);
-  for (size_t j = 0; j < n; j++) (*force)[j] = (*force)[j] - Cross(turn, x[j] - middle);
-}
-
-}  // namespace
 
 Elasticity::Elasticity(const ElasticModel& model, const std::vector<PointPair>& pairs)
     : model_(model),

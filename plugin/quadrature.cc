@@ -173,18 +173,26 @@ MJFRAMES_INLINE Mat3 MulSkew(const Mat3& A, const Vec3& v) {
   return product;
 }
 
+// (Zᵀ Z)⁻¹ of places x about their middle; false where all are there.
+MJFRAMES_INLINE bool InvertMoment(const Vec3* x, const Vec3& middle, int m, Mat3* inverse) {
+  Mat3 moment{};  // Zᵀ Z
+  for (int j = 0; j < m; j++) {
+    const Vec3 z = x[j] - middle;
+    const double square = Dot(z, z);
+    for (int e = 0; e < 9; e++) moment[e] += (e % 4 == 0 ? square : 0) - z[e / 3] * z[e % 3];
+  }
+  const double trace = moment[0] + moment[4] + moment[8];
+  if (!(trace > 0)) return false;
+  for (int e = 0; e < 9; e += 4) moment[e] += kInLine * trace;
+  *inverse = Inverse(moment);
+  return true;
+}
+
 // Pᵀ K P = K − Z Cᵀ − C Zᵀ, C = U A − ½ Z A Zᵀ U A, U = K Z, A = (Zᵀ Z)⁻¹, of the scratch memory's blocks and x.
 MJFRAMES_INLINE void ProjectBlocksOf(int m, QuadratureScratch* scratch) {
   const Vec3* z = scratch->x.data();
-  Mat3 moment{};  // Zᵀ Z
-  for (int j = 0; j < m; j++) {
-    const double square = Dot(z[j], z[j]);
-    for (int e = 0; e < 9; e++) moment[e] += (e % 4 == 0 ? square : 0) - z[j][e / 3] * z[j][e % 3];
-  }
-  const double trace = moment[0] + moment[4] + moment[8];
-  if (!(trace > 0)) return;  // all points in one place
-  for (int e = 0; e < 9; e += 4) moment[e] += kInLine * trace;
-  const Mat3 A = Inverse(moment);
+  Mat3 A;
+  if (!InvertMoment(z, {}, m, &A)) return;
   Mat3* U = scratch->turned.data();
   std::fill_n(U, m, Mat3{});
   const Mat3* block = scratch->block.data();
@@ -337,6 +345,17 @@ void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, 
     ProjectBlocks(m, scratch);
     MoveToPairs(region, scratch, stiffness);
   }
+}
+
+void TakeTorque(const Vec3* x, std::vector<Vec3>* force) {
+  const int n = static_cast<int>(force->size());
+  Vec3 middle{}, torque{};
+  for (int j = 0; j < n; j++) middle = middle + (1.0 / n) * x[j];
+  Mat3 inverse;
+  if (!InvertMoment(x, middle, n, &inverse)) return;
+  for (int j = 0; j < n; j++) torque = torque + Cross(x[j] - middle, (*force)[j]);
+  const Vec3 turn = Mul(inverse, torque);
+  for (int j = 0; j < n; j++) (*force)[j] = (*force)[j] - Cross(turn, x[j] - middle);
 }
 
 double QuadratureEnergy(const std::vector<QuadratureRegion>& regions, size_t e, const Vec3* x,

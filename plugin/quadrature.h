@@ -75,6 +75,9 @@ struct PointState {
 void AddQuadrature(const std::vector<QuadratureRegion>& regions, const Vec3* x, QuadratureScratch* scratch, Vec3* force,
                    double* stiffness);
 
+// force = P force, of all points of a body at x: takes their torque about the points' mean.
+void TakeTorque(const Vec3* x, std::vector<Vec3>* force);
+
 // Σ_q V_q ψ of region `e` [J], 0 at rest.
 double QuadratureEnergy(const std::vector<QuadratureRegion>& regions, size_t e, const Vec3* x,
                         QuadratureScratch* scratch);

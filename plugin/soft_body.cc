@@ -12,7 +12,7 @@
 namespace mjframes {
 namespace {
 
-// Where points show all of how a region turns.
+// Where points show all of how a region turns, and d->M gets K itself.
 bool Corrects(const ElasticModel& elastic) {
   return !elastic.enlarges &&
          std::all_of(elastic.regions.begin(), elastic.regions.end(), [](const Region& region) { return region.solid; });

@@ -79,8 +79,8 @@ double StepCorrection::GainOf(double h, double beta, const std::vector<double>& 
     const PointPair& pair = kinematics_->pairs()[i];
     kinetic += (pair.j == pair.k ? 0.5 : 1) * mass[i] * Dot(move_[pair.j], move_[pair.k]) / (h * h);
   }
-  const double before = elasticity_->Energy(x.data()), after = elasticity_->Energy(ahead_.data());
-  return (after - before + work) / (before + kinetic);
+  if (best_.made == kNone) energy_ = elasticity_->Energy(x.data());  // of all looks at a step
+  return (elasticity_->Energy(ahead_.data()) - energy_ + work) / (energy_ + kinetic);
 }
 
 // next = f̂ − f + K δ

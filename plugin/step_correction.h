@@ -10,12 +10,12 @@
 //
 //   c = (1 + s) (f̂ − f + K δ),   f̂ = −Σ_e R_e P_eᵀ ŵ_e
 //
-// is added to the force, with ŵ = ∂W/∂y at x + δ, in the axes of each region there: Newton's next step to an end where
-// the force is that of the end, and damped as what s times its change would do. P and R are those of x, so that
-// momentum and angular momentum stay. Where c makes it better but not well, s grows. Where it makes it worse, s grows
-// and the search starts from c = 0 again: from a step in which little but turns is left. Of all steps that were looked
-// at the one that makes least is taken. Bodies at rest and slow ones never come here; nor do rigid frames, which turn
-// without a stretch.
+// is added to the force, with ŵ = ∂W/∂y at x + δ, in the axes of each region there; of laws at quadrature points, f̂ is
+// P of the force there (quadrature.h). It is Newton's next step to an end where the force is that of the end, and
+// damped as what s times its change would do. P and R are those of x, so that momentum and angular momentum stay. Where
+// c makes it better but not well, s grows. Where it makes it worse, s grows and the search starts from c = 0 again:
+// from a step in which little but turns is left. Of all steps that were looked at the one that makes least is taken.
+// Bodies at rest and slow ones never come here; nor do rigid frames, which turn without a stretch.
 
 #ifndef MJFRAMES_PLUGIN_STEP_CORRECTION_H_
 #define MJFRAMES_PLUGIN_STEP_CORRECTION_H_
@@ -67,6 +67,7 @@ class StepCorrection {
 
   // of this step
   std::vector<Vec3> elastic_;                // f
+  double energy_ = 0;                        // W, from the first look on [J]
   Trial now_, best_;                         // made: of the look before, infinite where that does not count
   bool settled_ = false;                     // on the best
   std::vector<Vec3> kick_, move_, ahead_;    // h a [m/s], δ but for its mean, x + that [m]

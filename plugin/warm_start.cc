@@ -448,8 +448,9 @@ void WriteStarts(const mjModel* m, mjData* d, const RowGroup* groups, int count,
   }
 }
 
-// Has MuJoCo find the accelerations a of all degrees of freedom, as it will after this stage. NaN where it cannot.
-// d->qacc_smooth is known. d->qacc_warmstart stays: with these in it a step would depend on what was looked at before.
+// Has MuJoCo find the accelerations of all degrees of freedom, as it will after this stage; a: those of the smooth
+// forces before, NaN where it cannot. d->qacc_warmstart stays: with these in it a step would depend on what was looked
+// at before.
 void SolveByMujoco(const mjModel* m, mjData* d, const double* smooth, double* a) {
   const size_t nv = m->nv, rows = d->nefc;
   if (m->opt.solver == mjSOL_PGS || d->efm_active || !HasRoom(d, (nv + rows) * (nv + kSolverArrays))) {
@@ -457,6 +458,7 @@ void SolveByMujoco(const mjModel* m, mjData* d, const double* smooth, double* a)
     return;
   }
   mju_copy(d->qfrc_smooth, smooth, m->nv);
+  mju_copy(d->qacc_smooth, a, m->nv);
   mj_referenceConstraint(m, d);
   mj_fwdConstraint(m, d);
   mju_copy(a, d->qacc, m->nv);
@@ -478,15 +480,14 @@ void Foresee(const mjModel* m, mjData* d, bool starts, double* a) {
   double* smooth = mj_stackAllocNum(d, m->nv);
   SmoothForce(m, d, smooth);
   mj_solveM(m, d, a, smooth, 1);
-  bool known = true;
-  mju_copy(d->qacc_smooth, a, m->nv);
-  for (int k = 0; k < m->nv && d->nefc > 0; k++) {
-    const int island = d->nisland > 0 ? d->dof_island[k] : 0;
-    if (island < 0) continue;
-    a[k] = d->qacc_warmstart[k];
-    known = known && starts && IsTaken(m, d, island);
+  bool known = d->nefc == 0 || starts;
+  for (int island = 0; known && d->nefc > 0 && island < std::max(1, d->nisland); island++) {
+    known = IsTaken(m, d, island);
   }
   if (!known) SolveByMujoco(m, d, smooth, a);
+  for (int k = 0; known && d->nefc > 0 && k < m->nv; k++) {
+    if (d->nisland == 0 || d->dof_island[k] >= 0) a[k] = d->qacc_warmstart[k];
+  }
   FreeStack(d);
 }
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -49,7 +50,7 @@ class Surface:
         """Return its triangles, for areas, normals and the volume inside."""
         return _mesh(self.vertices, self.faces)
 
-    @property
+    @cached_property
     def vertex_normals(self) -> np.ndarray:
         """Return the unit normal at each vertex (s, 3), outward."""
         return _vertex_normals(self.mesh)
