@@ -205,6 +205,10 @@ inline constexpr double kRayStep = 0.5;  // [cubes] where nothing is known but t
 inline constexpr double kFirmer = 9;
 // [s] T₀ times MuJoCo's largest impedance of 0.95: 15 ms, to which solref of soft and rigid geoms are mixed by default.
 inline constexpr double kUsualPeriod = 0.01425;
+// [-] of √k depth: a spring with critical damping comes back at 1/e of that at most, halfway from here to twice that.
+inline constexpr double kReturn = 0.25;
+// [m/s] added to that: what is as slow as this comes to rest as before.
+inline constexpr double kSlowReturn = 0.02;
 
 // Dents (dents.h)
 

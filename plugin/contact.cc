@@ -287,8 +287,11 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
     if (dents) {
       dents[c] = TouchDents(side, *touch);
       const int s = side[1].body ? 1 : 0, geom = contact.geom[1 - s];
-      const PatchVolume& volume = side[s].body->contact().model().patches[side[s].patch].volume;
-      if (geom >= 0) dents[c].lift = RollingLift(side[s].body->kinematics(), volume, d, *touch, m->geom_bodyid[geom]);
+      const Patch& patch = side[s].body->contact().model().patches[side[s].patch];
+      if (geom >= 0) {
+        const int body = m->geom_bodyid[geom];
+        dents[c].lift = RollingLift(side[s].body->kinematics(), patch, d, m->opt.timestep, *touch, body);
+      }
     }
     if (lies) lies[c] = touch->lies;
   }

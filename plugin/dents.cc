@@ -23,7 +23,8 @@ struct Pressed {
   double spring;           // k imp / R of it [N/m]
   double gap;              // δ [m]
   double lift;             // of what rolls over it [m/s²]
-  double rate;             // of what the normal row measures, where rows of friction share its damping [m/s]
+  double rate;             // of what the normal row measures [m/s]
+  double outward;          // up to what rate it drives apart with all its force [m/s]
 };
 
 // erf(x) / x, and its slope, at places kErfStep apart; beyond the last, erf is 1. Written once, at load.
@@ -116,9 +117,10 @@ bool Press(const mjModel* m, mjData* d, const ContactDents& dents, int number, P
   const mjContact& contact = d->contact[number];
   const int row = contact.efc_address;
   if (row < 0 || !(dents.flesh > 0)) return false;
-  const auto [rows, k, spring] = MakeFirm(m, d, contact, dents.flesh);
-  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, d->efc_margin[row] - d->efc_pos[row], dents.lift, 0};
-  for (int r = 0; r < rows && rows > 1; r++) pressed->rate += d->efc_vel[row + r] / rows;
+  const auto [rows, k, spring, outward] = MakeFirm(m, d, contact, dents.flesh);
+  const double gap = d->efc_margin[row] - d->efc_pos[row];
+  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, gap, dents.lift, 0, kSlowReturn + outward * gap};
+  for (int r = 0; r < rows; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);
   }
@@ -158,13 +160,16 @@ void Soften(mjData* d, const Pressed* pressed, double* C, int n, double* work) {
 // Gives the rows the spring that answers the gap with f; where that is 0, one that starts at the flesh, `left` away.
 // Edges of a pyramid keep their R, and their damping b, which friction shares: with it a spring so much softer would
 // come to rest late. What b is above the spring's critical damping is taken off along the normal, where R is as a mass,
-// as far as it is no faster than that spring would make it: what hits is stopped as before.
+// as far as it is no faster than that spring would make it: what hits is stopped as before. What comes out as fast as
+// it would of MuJoCo's own contact is pushed less, at twice that rate no more: C changes with the state, so a dent
+// might give back more than it took.
 void SetSpring(mjData* d, const Pressed& pressed, double f, double left) {
   const double imp = d->efc_KBIP[4 * pressed.row + 2], b = d->efc_KBIP[4 * pressed.row + 1];
   double pull = f > 0 ? f * d->efc_R[pressed.row] / (pressed.rows * imp) : -pressed.k * left;
   if (f > 0) {
     const double rate = std::sqrt(imp * pull / pressed.gap), most = rate * pressed.gap;
-    pull += std::max(0.0, b - 2 * rate) * std::clamp(pressed.rate, -most, most) / imp;
+    if (pressed.rows > 1) pull += std::max(0.0, b - 2 * rate) * std::clamp(pressed.rate, -most, most) / imp;
+    pull *= std::clamp(2 - pressed.rate / pressed.outward, 0.0, 1.0);
   }
   pull += pressed.lift / imp;
   for (int r = 0; r < pressed.rows; r++) d->efc_KBIP[4 * (pressed.row + r)] = pull / pressed.gap;
@@ -251,7 +256,7 @@ void Squeeze(const mjModel* m, const mjData* d, ContactDents* dents, std::vector
 
 bool SetDents(const mjModel* m, mjData* d, const ContactDents* dents) {
   if (!HasRoom(d, d->ncon * sizeof(Pressed) / sizeof(mjtNum) + m->nplugin + 1)) return false;
-  if (m->opt.cone == mjCONE_PYRAMIDAL) mj_mulJacVec(m, d, d->efc_vel, d->qvel);  // MuJoCo does so after this stage
+  mj_mulJacVec(m, d, d->efc_vel, d->qvel);  // MuJoCo does so after this stage
   MarkStack(d);
   auto* pressed = static_cast<Pressed*>(mj_stackAllocByte(d, d->ncon * sizeof(Pressed), alignof(Pressed)));
   int n = 0;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "constants.h"
 #include "impedance.h"
@@ -25,7 +26,8 @@ Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double 
   const int row = contact.efc_address, rows = m->opt.cone == mjCONE_PYRAMIDAL ? RowCount(m, contact) : 1;
   const double k = Stiffness(m, contact), ratio = contact.solref[1];
   const double imp = d->efc_KBIP[4 * row + 2], inertia = rows / d->efc_R[row], own = k * imp * inertia;
-  if (contact.solref[0] <= 0 || ratio < 1) return {rows, k, own};
+  if (contact.solref[0] <= 0 || ratio < 1) return {rows, k, own, std::numeric_limits<double>::infinity()};
+  const double outward = kReturn * std::sqrt(k);
   const double h = m->opt.timestep, moved = inertia * (1 - imp) / imp, rate = (1 / std::sqrt(1 - imp) - 1) / h;
   const double asked = kFirmer / flesh * std::min(1.0, kUsualPeriod * kUsualPeriod * k);
   const double K = std::min(asked, rate * rate * moved);
@@ -33,8 +35,8 @@ Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double 
   const double implicit = K > own ? (h * K + 2 * std::sqrt(K * moved)) / inertia : 0;
   const double b = std::max(2 * ratio * std::sqrt(k), implicit);
   for (int r = row; r < row + RowCount(m, contact); r++) d->efc_KBIP[4 * r + 1] = b;
-  if (K <= own) return {rows, k, own};
-  return {rows, K / (inertia * imp), K};
+  if (K <= own) return {rows, k, own, outward};
+  return {rows, K / (inertia * imp), K, outward};
 }
 
 }  // namespace mjframes

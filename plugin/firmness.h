@@ -25,6 +25,7 @@ struct Firmness {
   int rows;          // that push along the normal, from the first one on
   double k;          // [1/s²]
   double stiffness;  // k imp / R of these rows [N/m]
+  double outward;    // how fast MuJoCo's own contact drives apart, per depth [1/s]; infinity where it is to bounce
 };
 
 // What the spring of a contact is to be; b of its rows is set, their k not yet. R is complete. flesh: c [m/N].

@@ -137,18 +137,27 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   return found;
 }
 
-double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, const mjData* d, const Touch& touch,
-                   int body) {
+double RollingLift(const Kinematics& kinematics, const Patch& patch, const mjData* d, double timestep,
+                   const Touch& touch, int body) {
   if (!(touch.radius[0] > 0 || touch.radius[1] > 0)) return 0;
-  const Mat3 slope = volume.SlopeOf(kinematics.x().data()), rate = volume.SlopeOf(kinematics.v().data());
+  const PatchVolume& volume = patch.volume;
+  const Mat3 slope = volume.SlopeOf(kinematics.x().data()), slope_rate = volume.SlopeOf(kinematics.v().data());
   const double rolls = Rolls(slope);
   if (rolls == 0) return 0;
   const Vec3 normal = kinematics.ToLocal(d, touch.normal);
-  const Vec3 turned = Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(rate, normal)));  // −∂N/∂t of the material
+  const Vec3 turned =
+      Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(slope_rate, normal)));  // −∂N/∂t of the material
   const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
   const Vec3 axis = {touch.axis[0], touch.axis[1], touch.axis[2]};
-  const double along = Dot(axis, turn), across = Dot(Cross(touch.normal, axis), turn);
-  return rolls * (touch.radius[0] * along * along + touch.radius[1] * across * across);
+  const double rate[2] = {Dot(axis, turn), Dot(Cross(touch.normal, axis), turn)};
+  const double fastest = RoundReach(patch) / timestep;
+  double lift = 0;
+  for (int a = 0; a < 2; a++) {
+    const double speed = touch.radius[a] * std::abs(rate[a]),
+                 known = std::min(1.0, fastest / std::max(mjMINVAL, speed));
+    lift += known * known * speed * std::abs(rate[a]);
+  }
+  return rolls * lift;
 }
 
 }  // namespace mjframes

@@ -14,7 +14,9 @@
 //
 // The surface may roll over the place. Its distance stays, but its material moves on a cycloid, away from the geom with
 // ω² R on a ball. MuJoCo's rows take the acceleration of the material, J q̈, for that of the distance. So what they aim
-// at is Ṅᵀ H⁻¹ Ṅ more, where Ṅ is how fast the material's normal turns against the geom.
+// at is Ṅᵀ H⁻¹ Ṅ more, where Ṅ is how fast the material's normal turns against the geom. Along an axis where the place
+// leaves ρ within a step, at a speed |H⁻¹ Ṅ| above ρ/h, it is less by the square of that: a side as good as even, with
+// radii larger than the body, does not roll.
 // Source: D. J. Montana, The kinematics of contact and grasp (1988), for how fast a place moves over what rolls.
 
 #ifndef MJFRAMES_PLUGIN_ROUND_SIDE_H_
@@ -43,8 +45,8 @@ double RoundReach(const Patch& patch);
 RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& start, const Vec3& xi, Touch* out);
 
 // Ṅᵀ H⁻¹ Ṅ at such a touch [m/s²]; 0 at others. body: which has the geom.
-double RollingLift(const Kinematics& kinematics, const PatchVolume& volume, const mjData* d, const Touch& touch,
-                   int body);
+double RollingLift(const Kinematics& kinematics, const Patch& patch, const mjData* d, double timestep,
+                   const Touch& touch, int body);
 
 }  // namespace mjframes
 

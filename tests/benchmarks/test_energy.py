@@ -236,6 +236,27 @@ def test_a_crushed_round_side_does_not_roll_away() -> None:
     assert gain.worst < motions.LIMIT, gain
 
 
+@pytest.mark.parametrize(("number", "run_number"), [(3, 1), (31, 0)])
+def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) -> None:
+    # a tine's side with a radius above its body's length was thrown off as if it rolled on that: 0.5 and 2.8 of the fall
+    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    gain = motions.dropped(drawn_body(number), 5e-3, seed + run_number)
+    assert gain.worst < motions.LIMIT, gain
+
+
+@pytest.mark.parametrize("cone", [mujoco.mjtCone.mjCONE_PYRAMIDAL, mujoco.mjtCone.mjCONE_ELLIPTIC])
+@pytest.mark.parametrize(("number", "run_number"), [(10, 2), (24, 0), (15, 0)], ids=["box", "softer box", "bracket"])
+def test_dents_give_back_no_more_than_they_took(
+    number: int, run_number: int, cone: mujoco.mjtCone, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # more contacts touch where a side comes to lie flat, and make what is dented firmer: 0.02 to 0.2 of the fall
+    some = drawn_body(number)
+    monkeypatch.setattr(some.model.opt, "cone", cone)
+    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    gain = motions.dropped(some, 5e-4, seed + run_number)
+    assert gain.worst < motions.LIMIT, gain
+
+
 def test_a_stiff_body_that_spins_keeps_its_energy_and_angular_momentum() -> None:
     # uncorrected steps of 0.13 rad hold 11 times the energy of the spin as stretch
     some = drawn_body(30)
