@@ -200,8 +200,10 @@ double AddRoundSide(const Placed& soft, const GeomQuery& other, const double* sh
 int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls, double width, double margin,
                 TouchScratch* scratch, Touch* out) {
   const double reach = soft.deformed.contact().reach;
-  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin) return 0;
   const Patch& patch = soft.deformed.patch();
+  rolls = rolls && std::any_of(patch.volume.round.begin(), patch.volume.round.end(), [](bool round) { return round; });
+  const double beyond = rolls ? patch.volume.cover * soft.pose.stretch : 0;  // how far a round side is off its vertices
+  if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin + beyond) return 0;
   const int n = patch.vertices;
   const double* vertices = soft.state->Vertices(soft.number);
   double* share = scratch->share[side];
@@ -223,7 +225,7 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
     double square = 0;
     double left = 1;  // of the depth, for the cluster's own contact
     if (rolls && patch.volume.round[c]) {
-      if (!(shared.deepest < margin + patch.volume.cover * soft.pose.stretch)) continue;
+      if (!(shared.deepest < margin + beyond)) continue;
       left = AddRoundSide(soft, other, share, begin, end, margin, &places, out, &count);
       if (left == 0) continue;
     }

@@ -238,7 +238,7 @@ def test_a_crushed_round_side_does_not_roll_away() -> None:
 
 @pytest.mark.parametrize(("number", "run_number"), [(3, 1), (31, 0)])
 def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) -> None:
-    # a tine's side with a radius above its body's length was thrown off as if it rolled on that: 0.5 and 2.8 of the fall
+    # a tine whose side has a radius above its length was thrown off as if it rolled on that: 0.5 and 2.8 of the fall
     seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
     gain = motions.dropped(drawn_body(number), 5e-3, seed + run_number)
     assert gain.worst < motions.LIMIT, gain

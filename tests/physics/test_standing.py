@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from builders.scenes import compiled
+from scipy.spatial.transform import Rotation
 
 from mjframes.body.build import build
 from mjframes.body.soft_body import SoftBody
@@ -43,6 +44,24 @@ def test_a_column_stands_and_rests(dents: bool) -> None:
     moved = np.abs(middles(model, data, 1) - start)[0]
     assert (moved < [5e-4, 5e-4, 1.5e-3]).all()  # it falls by half a millimetre
     assert np.abs(data.qvel).max() < 1e-6
+
+
+def test_a_block_that_falls_flat_stays_near() -> None:
+    """Dents that gave back all that they took threw it 13 mm aside and turned it by 7°."""
+    body = build(Volume.box((0.1, 0.06, 0.06), Material(1e5, 0.45, 1000), spacing=0.01), 3)
+    floor = '<mujoco><worldbody><geom type="plane" size="2 2 .1"/></worldbody></mujoco>'
+    model, data = compiled(floor, (body, (0, 0, 0.1), UPRIGHT))
+    mujoco.mj_forward(model, data)
+    view = soft(model, data, "soft0")
+    start = view.control_positions.copy()
+    run(model, data, 2)
+    mujoco.mj_forward(model, data)
+    before, now = (points - view.mass @ points / view.mass.sum() for points in (start, view.control_positions))
+    turn = Rotation.align_vectors(now, before, weights=view.mass)[0]
+    moved = view.mass @ (view.control_positions - start) / view.mass.sum()
+    assert np.linalg.norm(moved[:2]) < 0.01
+    assert np.degrees(turn.magnitude()) < 4
+    assert np.abs(data.qvel).max() < 1e-5
 
 
 @pytest.mark.parametrize(("count", "young"), [(3, 5e4), (3, 1e7), (5, 1e6)])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.stability.apart import quiet_pool
 from benchmarks.stability.energy.bodies import MESHES, METHODS, Subject, subjects
 from benchmarks.stability.energy.report import summary, table, write
-from benchmarks.stability.energy.trial import QUICK, Found, Job, Plan, measured
+from benchmarks.stability.energy.trial import MEASURES, QUICK, Found, Job, Plan, measured
 from benchmarks.tables import advancing, screen
 from mjframes.cli.arguments import Parser
 from mjframes.cli.commands import exit_code
@@ -30,12 +31,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help=f"{FEW} bodies, one step, no meshes: within two minutes")
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
     parser.add_argument("--laws", nargs="+", choices=METHODS, default=METHODS, metavar="LAW", help=", ".join(METHODS))
+    parser.add_argument("--only", nargs="+", choices=MEASURES, metavar="MEASURE", help=", ".join(MEASURES))
     parser.add_argument("--out", default="out", metavar="FOLDER", help="of energy.csv (default: %(default)s)")
     given = parser.parse_args(argv)
     count = given.bodies if given.bodies is not None else FEW if given.quick else BODIES
     if not given.quick and not MESHES.is_dir():
         print(f"There are no meshes in {MESHES}; the drawn bodies are measured alone.", file=sys.stderr)
     plan = QUICK if given.quick else Plan()
+    if given.only:
+        plan = replace(plan, measures=tuple(MEASURES[name] for name in given.only))
     found = run_all([Job(some, plan) for some in subjects(count, given.seed, given.laws, meshes=not given.quick)])
     console = screen()
     console.print(table(found))

@@ -38,7 +38,8 @@ def table(found: Sequence[Found]) -> Table:
     for body in found:
         gains = [_worst(body.of(GAIN, name)) for name in MOTIONS]
         back = [number.passes for number in body.of(RETURN)]
-        ends = (f"{sum(back)}/{len(back)}", *("yes" if number.passes else "no" for number in body.of(REST)))
+        still = ["yes" if number.passes else "no" for number in body.of(REST)]
+        ends = (f"{sum(back)}/{len(back)}" if back else "–", *(still or ["–"]))
         first = (body.subject.label, str(body.subject.frames), f"{body.subject.young:.1e}")
         shown.add_row(*first, *gains, _worst(body.of(LOOP)), _worst(body.of(MADE)), *ends)
     return shown

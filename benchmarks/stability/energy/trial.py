@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from benchmarks.stability.energy import loops, motions, order, recovery
@@ -11,22 +11,23 @@ from benchmarks.stability.energy.world import World, world
 from mjframes.base.errors import MjframesError
 
 GAIN, LOOP, MADE, RETURN, REST = "gain", "loop", "made as h → 0", "return", "rest"
+MEASURES = {"gain": GAIN, "loop": LOOP, "order": MADE, "return": RETURN, "rest": REST}  # as the command line names them
 
 
 @dataclass(frozen=True)
 class Plan:
     """How much is measured of each body.
 
-    steps: [s].  drops: attitudes.  loops: of each kind.  drifts: whether orders are fitted.
+    steps: [s].  drops: attitudes.  loops: of each kind.  measures: which are taken.
     """
 
     steps: tuple[float, ...] = motions.STEPS
     drops: int = 3
     loops: int = 2
-    drifts: bool = True
+    measures: tuple[str, ...] = tuple(MEASURES.values())
 
 
-QUICK = Plan(steps=(2e-3,), drops=1, loops=1, drifts=False)
+QUICK = Plan(steps=(2e-3,), drops=1, loops=1, measures=(GAIN, LOOP, RETURN, REST))
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def measured(job: Job) -> Found:
     except MjframesError as error:
         return Found(job.subject, 0, (), str(error))
     made = world(body)
-    numbers = (*_gains(made, job), *_loops(made, job), *_drifts(made, job), *_returns(made, job))
+    numbers = tuple(number for measure in job.plan.measures for number in _TAKEN[measure](made, job))
     return Found(job.subject, body.voxels, numbers)
 
 
@@ -103,12 +104,11 @@ def _loops(made: World, job: Job) -> Iterator[Number]:
 
 
 def _drifts(made: World, job: Job) -> Iterator[Number]:
-    if job.plan.drifts:
-        for name in order.MOTIONS:
-            drift = order.drift(made, name, job.subject.seed)
-            drifts = zip(order.STEPS, drift.drift, strict=True)
-            others = {"order": drift.order} | {f"drift_{h * 1e3:g}ms": value for h, value in drifts}
-            yield Number(MADE, name, order.STEPS[-1], 0, drift.made[-1], motions.LIMIT, others)
+    for name in order.MOTIONS:
+        drift = order.drift(made, name, job.subject.seed)
+        drifts = zip(order.STEPS, drift.drift, strict=True)
+        others = {"order": drift.order} | {f"drift_{h * 1e3:g}ms": value for h, value in drifts}
+        yield Number(MADE, name, order.STEPS[-1], 0, drift.made[-1], motions.LIMIT, others)
 
 
 def _returns(made: World, job: Job) -> Iterator[Number]:
@@ -116,5 +116,17 @@ def _returns(made: World, job: Job) -> Iterator[Number]:
     for start in recovery.STARTS:
         error = recovery.recovers(made, start, job.subject.seed, rate)
         yield Number(RETURN, start, recovery.TIMESTEP, 0, error, recovery.BACK)
+
+
+def _rests(made: World, job: Job) -> Iterator[Number]:
     moving = recovery.rests(made, job.subject.seed)
     yield Number(REST, "dropped", recovery.TIMESTEP, 0, moving, recovery.STILL)
+
+
+_TAKEN: dict[str, Callable[[World, Job], Iterator[Number]]] = {
+    GAIN: _gains,
+    LOOP: _loops,
+    MADE: _drifts,
+    RETURN: _returns,
+    REST: _rests,
+}
