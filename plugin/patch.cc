@@ -99,18 +99,13 @@ bool IsRounded(const Vec3* vertex, int count, const Vec3& out, double reach) {
   Vec3 middle{};
   for (int s = 0; s < count; s++) middle = middle + (1.0 / count) * vertex[s];
   Quadric quadric;
-  const auto each = [&](const auto& visit) {
-    for (int s = 0; s < count; s++) {
-      const Vec3 offset = (1 / reach) * (vertex[s] - middle);
-      visit(Dot(offset, tangent.x), Dot(offset, tangent.y), -Dot(offset, normal));
-    }
-  };
-  each([&](double x, double y, double depth) { quadric.Add(x, y, depth, 1); });
+  for (int s = 0; s < count; s++) {
+    const Vec3 offset = (1 / reach) * (vertex[s] - middle);
+    quadric.Add(Dot(offset, tangent.x), Dot(offset, tangent.y), -Dot(offset, normal), 1);
+  }
   if (!quadric.Fit()) return false;
-  double square = 0;
-  each([&](double x, double y, double depth) { square += std::pow(depth - quadric.At(x, y), 2) / count; });
   const double most = quadric.Curvature(0);
-  return quadric.Curvature(1) > -kLeastRound && most > kLeastRound && most < kMostRound && square < kRough * kRough;
+  return quadric.Curvature(1) > -kLeastRound && most > kLeastRound && most < kMostRound && quadric.Roughness() < kRough;
 }
 
 // From each place to the nearest other one, root mean square; `alone` where there is no other [m].

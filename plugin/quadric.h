@@ -22,6 +22,8 @@ class Quadric {
       right_[i] += weight * term.value[i] * z;
       for (int j = 0; j < kTerms; j++) matrix_[kTerms * i + j] += weight * term.value[i] * term.value[j];
     }
+    square_ += weight * z * z;
+    total_ += weight;
   }
 
   // After all points; false where they do not tell the terms apart.
@@ -32,6 +34,9 @@ class Quadric {
   }
 
   double At(double x, double y) const { return mju_dot(c, Terms(x, y).value, kTerms); }
+
+  // How far the points are off it, a root mean square.
+  double Roughness() const { return std::sqrt(std::max(0.0, square_ - mju_dot(c, right_, kTerms)) / total_); }
 
   // Its curvatures, the larger one first, and the angle from x to the direction of that.
   double Curvature(int i) const {
@@ -47,7 +52,7 @@ class Quadric {
     double value[kTerms];
   };
 
-  double matrix_[kTerms * kTerms] = {}, right_[kTerms] = {};
+  double matrix_[kTerms * kTerms] = {}, right_[kTerms] = {}, square_ = 0, total_ = 0;
 };
 
 // Two directions across a unit vector, and across each other.

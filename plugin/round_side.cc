@@ -101,7 +101,7 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   const double rho = RoundReach(patch);
   const Samples samples(query, soft, start, rho);
   Vec3 place = start;
-  double curvature = 0;
+  double curvature = 0, rough = 0;
   for (int i = 0; i < kRoundSteps && Norm(place - start) < rho; i++) {
     const double distance = query.Distance(place, &out->normal);
     const Tangents tangent(out->normal);
@@ -122,6 +122,7 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
     for (int c = 0; c < 3; c++) out->axis[c] = static_cast<float>(axis[0][c]);
     step = (1 / std::max(1.0, 2 * Norm(step))) * step;
     out->distance = rho * fit.At(Dot(step, tangent.x), Dot(step, tangent.y));
+    rough = fit.Roughness();
     curvature = std::max(0.0, 0.5 * (fit.Curvature(0) + fit.Curvature(1)) / rho);
     place = place + rho * step + (out->distance - distance) * out->normal;
     if (Norm(step) < kRoundStays) break;
@@ -132,7 +133,8 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   out->position = place - 0.5 * out->distance * out->normal;
   const double widest = kWidest * patch.volume.spacing;
   const double radius = std::sqrt(std::max(0.0, -out->distance) / std::max(curvature, mjMINVAL));
-  found.wide = std::max(std::clamp(radius / widest - 1, 0.0, 1.0), 1 - samples.Roundness(place, rho));
+  const double uneven = std::clamp((rough - kSmooth) / (kUneven - kSmooth), 0.0, 1.0);
+  found.wide = std::max({std::clamp(radius / widest - 1, 0.0, 1.0), 1 - samples.Roundness(place, rho), uneven});
   SpreadPressure(curvature, widest, out);
   return found;
 }

@@ -9,8 +9,8 @@
 // of the patch with the nearest round one, or of two patches midway. Two places nearer than ρ fade into one.
 //
 // Clusters touch instead where what is pressed, a circle of radius a = √(d/κ), is wider than some vertices, and where
-// the surface around is not round: the depth of the one contact has the share 1 − w², that of theirs w (2 − w). The
-// pressure is that of round geoms (round_touch.h) with κ = ½ tr H.
+// the surface around is not round, or no quadric fits it, as on parts thinner than ρ: the depth of the one contact has
+// the share 1 − w², that of theirs w (2 − w). The pressure is that of round geoms (round_touch.h) with κ = ½ tr H.
 //
 // The surface may roll over the place. Its distance stays, but its material moves on a cycloid, away from the geom with
 // ω² R on a ball. MuJoCo's rows take the acceleration of the material, J q̈, for that of the distance. So what they aim
