@@ -170,8 +170,8 @@ inline constexpr double kRoundTie = 0.01;    // [ρ] more than what the places t
 inline constexpr double kRoundStays = 1e-4;  // [ρ] the place has been found
 inline constexpr int kRoundSamples = 512;    // vertices around it; some hundred are usual
 inline constexpr double kRoundEven = 0.02;   // [1/ρ] a smaller curvature is none
-// [ρ] off the quadric: balls of voxels are by 0.01, legs that are as wide as ρ by 0.1.
-inline constexpr double kSmooth = 0.02, kUneven = 0.05;
+// [ρ] off the quadric: balls of voxels are by 0.01, on edges by 0.03, and legs that are as wide as ρ by 0.13.
+inline constexpr double kSmooth = 0.04, kUneven = 0.08;
 inline constexpr int kRoundVertices = 8;  // of a cluster at least: a quadric has six terms
 // [-] det F over what it were at the same |F|: material of more rolls, of less does not. A ball that is
 // squeezed to half its height has 0.6 to 0.77, to a third 0.34 to 0.56.
