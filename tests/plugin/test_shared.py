@@ -77,8 +77,9 @@ def test_a_second_data_shares_what_the_first_has(make: Callable[[], SoftBody]) -
     alone = [mujoco.MjData(rigid)]
     growth(rigid, alone)
     own = growth(rigid, alone)
-    # what it shares is more: the nodes, their weights, the stiffness; of the last it has a copy for factors of its own
-    assert more - own < 500_000
+    # what it shares is more: the nodes, their weights, the stiffness; of the last it has a copy for factors of its own.
+    # That is 0.46 to 0.5 MB as malloc rounds, and 1.4 to 1.8 MB if nothing is shared
+    assert more - own < 700_000
     assert growth(copy.copy(model), held) < more + 50_000
     expected = stepped(model, first)
     for data in held[1:]:
