@@ -24,7 +24,7 @@ struct Pressed {
   double gap;              // δ [m]
   double lift;             // of what rolls over it [m/s²]
   double rate;             // of what the normal row measures [m/s]
-  double outward;          // up to what rate it drives apart with all its force [m/s]
+  double outward;          // of its firmness [m/s]
 };
 
 // erf(x) / x, and its slope, at places kErfStep apart; beyond the last, erf is 1. Written once, at load.
@@ -119,7 +119,7 @@ bool Press(const mjModel* m, mjData* d, const ContactDents& dents, int number, P
   if (row < 0 || !(dents.flesh > 0)) return false;
   const auto [rows, k, spring, outward] = MakeFirm(m, d, contact, dents.flesh);
   const double gap = d->efc_margin[row] - d->efc_pos[row];
-  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, gap, dents.lift, 0, kSlowReturn + outward * gap};
+  *pressed = {number, row, rows, 0, {-1, -1}, k, spring, gap, dents.lift, 0, outward};
   for (int r = 0; r < rows; r++) pressed->rate += d->efc_vel[row + r] / rows;
   for (int s = 0; s < 2; s++) {
     if (dents.side[s].softness > 0) pressed->body[s] = SoftInstanceOf(m, contact.geom[s]);

@@ -27,7 +27,7 @@ Firmness MakeFirm(const mjModel* m, mjData* d, const mjContact& contact, double 
   const double k = Stiffness(m, contact), ratio = contact.solref[1];
   const double imp = d->efc_KBIP[4 * row + 2], inertia = rows / d->efc_R[row], own = k * imp * inertia;
   if (contact.solref[0] <= 0 || ratio < 1) return {rows, k, own, std::numeric_limits<double>::infinity()};
-  const double outward = kReturn * std::sqrt(k);
+  const double outward = kSlowReturn + kReturn * std::sqrt(k) * (d->efc_margin[row] - d->efc_pos[row]);
   const double h = m->opt.timestep, moved = inertia * (1 - imp) / imp, rate = (1 / std::sqrt(1 - imp) - 1) / h;
   const double asked = kFirmer / flesh * std::min(1.0, kUsualPeriod * kUsualPeriod * k);
   const double K = std::min(asked, rate * rate * moved);

@@ -147,16 +147,16 @@ double RollingLift(const Kinematics& kinematics, const Patch& patch, const mjDat
   const double rolls = Rolls(slope);
   if (rolls == 0) return 0;
   const Vec3 normal = kinematics.ToLocal(d, touch.normal);
-  const Vec3 turned =
-      Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(slope_rate, normal)));  // −∂N/∂t of the material
+  // −∂N/∂t of the material
+  const Vec3 turned = Mul(kinematics.Axes(d), MulT(Inverse(slope), MulT(slope_rate, normal)));
   const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
   const Vec3 axis = {touch.axis[0], touch.axis[1], touch.axis[2]};
   const double rate[2] = {Dot(axis, turn), Dot(Cross(touch.normal, axis), turn)};
   const double fastest = RoundReach(patch) / timestep;
   double lift = 0;
   for (int a = 0; a < 2; a++) {
-    const double speed = touch.radius[a] * std::abs(rate[a]),
-                 known = std::min(1.0, fastest / std::max(mjMINVAL, speed));
+    const double speed = touch.radius[a] * std::abs(rate[a]);
+    const double known = std::min(1.0, fastest / std::max(mjMINVAL, speed));
     lift += known * known * speed * std::abs(rate[a]);
   }
   return rolls * lift;

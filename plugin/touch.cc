@@ -201,7 +201,6 @@ int GeomTouches(const Placed& soft, int side, const GeomQuery& other, bool rolls
                 TouchScratch* scratch, Touch* out) {
   const double reach = soft.deformed.contact().reach;
   const Patch& patch = soft.deformed.patch();
-  rolls = rolls && std::any_of(patch.volume.round.begin(), patch.volume.round.end(), [](bool round) { return round; });
   const double beyond = rolls ? patch.volume.cover * soft.pose.stretch : 0;  // how far a round side is off its vertices
   if (other.LowerBound(soft.state->VertexBox(soft.number)) > std::max(0.0, margin) + kBoxMargin + beyond) return 0;
   const int n = patch.vertices;
@@ -383,7 +382,10 @@ int RigidTouches(const mjModel* m, const mjData* d, const int geom[2], const Sof
   if (!contact.model().has_volume || !(query.LowerBound(soft.pose.box) > reach)) {
     const bool round = IsRound(m->geom_type[rigid]);
     // without dents one place would be as stiff as a point, and a ball between plates would turn to where it is softer
-    const bool rolls = contact.model().has_volume && !round && !soft.deformed.patch().dent.empty();
+    const Patch& patch = soft.deformed.patch();
+    const std::vector<uint8_t>& rounded = patch.volume.round;
+    const bool rolls = contact.model().has_volume && !round && !patch.dent.empty() &&
+                       std::find(rounded.begin(), rounded.end(), 1) != rounded.end();
     const int vertices = count = GeomTouches(soft, s, query, rolls, CornerWidth(m, shared), margin, scratch, out);
     if (contact.model().has_volume && round) {
       count += RoundTouch(m, d, rigid, query, soft, margin, out + count);

@@ -15,6 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.energy import bodies, loops, motions, order, recovery
 from benchmarks.stability.energy.bodies import Subject, subjects
@@ -40,8 +41,13 @@ def made(frame_type: str = "affine", frames: int = 2, young: float = 2e5) -> Wor
 
 
 @cache
+def drawn_subject(number: int) -> Subject:
+    return subjects(number + 1, 0, ["corotational"], meshes=False)[number]
+
+
+@cache
 def drawn_body(number: int) -> World:
-    return world(subjects(number + 1, 0, ["corotational"], meshes=False)[number].build())
+    return world(drawn_subject(number).build())
 
 
 @contextmanager
@@ -148,7 +154,7 @@ def test_a_stout_bar_returns_from_every_start(start: str) -> None:
 def test_thin_and_branching_bodies_return(number: int, start: str) -> None:
     # without the pairs' energy 0.28, 0.27 and 0.37 of their sizes were left
     some = drawn_body(number)
-    subject = subjects(number + 1, 0, ["corotational"], meshes=False)[number]
+    subject = drawn_subject(number)
     assert recovery.recovers(some, start, subject.seed, recovery.lowest_rate(some)) < recovery.BACK
 
 
@@ -192,7 +198,7 @@ def test_a_clamped_strip_makes_no_energy_under_its_weight(frame_type: str) -> No
 def test_parts_that_turn_fast_make_no_energy(number: int, motion: str, timestep: float, run_number: int) -> None:
     # steps stretch stiff parts that turn. Uncorrected ones gain 0.2 to 3.4 of what moves; corrections whose worst
     # was taken 1e6 in plates at 5 ms, and ones that took a contact's work at its last speed 0.09 in the stiff plate
-    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    seed = drawn_subject(number).seed
     gain = motions.MOTIONS[motion](drawn_body(number), timestep, seed + run_number)
     assert gain.worst < motions.LIMIT, gain
 
@@ -204,7 +210,7 @@ def test_under_elliptic_cones_they_make_none_either(
     # MuJoCo alone knows the accelerations there; uncorrected 6.5, 1.5 and 1.2
     some = drawn_body(number)
     monkeypatch.setattr(some.model.opt, "cone", mujoco.mjtCone.mjCONE_ELLIPTIC)
-    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    seed = drawn_subject(number).seed
     gain = motions.dropped(some, timestep, seed + run_number)
     assert gain.worst < motions.LIMIT, gain
 
@@ -231,7 +237,7 @@ def test_laws_at_quadrature_points_make_no_energy() -> None:
 
 def test_a_crushed_round_side_does_not_roll_away() -> None:
     # its flattened material turned by thousands of radians a second: 2,000 times the energy of the fall
-    seed = subjects(32, 0, ["corotational"], meshes=False)[31].seed
+    seed = drawn_subject(31).seed
     gain = motions.dropped(drawn_body(31), 2e-3, seed + 105)
     assert gain.worst < motions.LIMIT, gain
 
@@ -239,7 +245,7 @@ def test_a_crushed_round_side_does_not_roll_away() -> None:
 @pytest.mark.parametrize(("number", "run_number"), [(3, 1), (31, 0)])
 def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) -> None:
     # a tine whose side has a radius above its length was thrown off as if it rolled on that: 0.5 and 2.8 of the fall
-    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    seed = drawn_subject(number).seed
     gain = motions.dropped(drawn_body(number), 5e-3, seed + run_number)
     assert gain.worst < motions.LIMIT, gain
 
@@ -252,7 +258,7 @@ def test_dents_give_back_no_more_than_they_took(
     # more contacts touch where a side comes to lie flat, and make what is dented firmer: 0.02 to 0.2 of the fall
     some = drawn_body(number)
     monkeypatch.setattr(some.model.opt, "cone", cone)
-    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    seed = drawn_subject(number).seed
     gain = motions.dropped(some, 5e-4, seed + run_number)
     assert gain.worst < motions.LIMIT, gain
 
@@ -287,8 +293,17 @@ def test_the_lowest_rate_is_that_of_the_stiffness() -> None:
 @pytest.mark.parametrize("number", [16, 30, 25], ids=["stiff neck", "neck", "soft star"])
 def test_what_stands_on_narrow_ends_comes_to_rest(number: int) -> None:
     # necks touched once their vertices did, 0.3 mm too late; a quadric over a leg as thin as wide was 2 mm off
-    seed = subjects(number + 1, 0, ["corotational"], meshes=False)[number].seed
+    seed = drawn_subject(number).seed
     assert recovery.rests(drawn_body(number), seed) < recovery.STILL
+
+
+def test_thin_legs_touch_where_their_surface_is() -> None:
+    # a quadric over both sides of a leg was 1 mm below it
+    some = drawn_body(25)
+    some.reset(2e-3, floor=True)
+    for turn in Rotation.random(30, rng=np.random.default_rng(0)):
+        some.move(motions.above_floor(some, turn.apply(some.rest), -2e-4))
+        assert min(some.data.contact.dist, default=0) > -5e-4
 
 
 def test_what_falls_on_the_floor_comes_to_rest() -> None:

@@ -33,6 +33,6 @@ def test_the_force_of_a_pressed_ball_comes_near_to_that_of_hertz(tmp_path: Path)
     assert without[1:, -1] == pytest.approx(1.2, abs=0.1)  # what is left of it from ten on
     assert (without > 1).all()
     # 1.5 if all of the pressed circle were frames or dents; of 5 frames few vertices are in it, and which decides
-    assert found.exponent[1, 1:] == pytest.approx(1.35, abs=0.12)
+    assert found.exponent[1, 1:] == pytest.approx(1.3, abs=0.12)
     assert with_dents == pytest.approx(1, abs=0.22)
     assert (with_dents < without).all()

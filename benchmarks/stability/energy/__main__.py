@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help=f"{FEW} bodies, one step, no meshes: within two minutes")
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
     parser.add_argument("--laws", nargs="+", choices=METHODS, default=METHODS, metavar="LAW", help=", ".join(METHODS))
-    parser.add_argument("--only", nargs="+", choices=MEASURES, metavar="MEASURE", help=", ".join(MEASURES))
+    parser.add_argument("--only", nargs="+", choices=MEASURES, metavar="MEASURE", help="of " + ", ".join(MEASURES))
     parser.add_argument("--out", default="out", metavar="FOLDER", help="of energy.csv (default: %(default)s)")
     given = parser.parse_args(argv)
     count = given.bodies if given.bodies is not None else FEW if given.quick else BODIES
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"There are no meshes in {MESHES}; the drawn bodies are measured alone.", file=sys.stderr)
     plan = QUICK if given.quick else Plan()
     if given.only:
-        plan = replace(plan, measures=tuple(MEASURES[name] for name in given.only))
+        plan = replace(plan, measures=tuple(name for name in MEASURES if name in given.only))
     found = run_all([Job(some, plan) for some in subjects(count, given.seed, given.laws, meshes=not given.quick)])
     console = screen()
     console.print(table(found))

@@ -11,7 +11,7 @@ from benchmarks.stability.energy.world import World, world
 from mjframes.base.errors import MjframesError
 
 GAIN, LOOP, MADE, RETURN, REST = "gain", "loop", "made as h → 0", "return", "rest"
-MEASURES = {"gain": GAIN, "loop": LOOP, "order": MADE, "return": RETURN, "rest": REST}  # as the command line names them
+MEASURES = ("gain", "loop", "order", "return", "rest")  # as the command line names them
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Plan:
     steps: tuple[float, ...] = motions.STEPS
     drops: int = 3
     loops: int = 2
-    measures: tuple[str, ...] = tuple(MEASURES.values())
+    measures: tuple[str, ...] = MEASURES
 
 
-QUICK = Plan(steps=(2e-3,), drops=1, loops=1, measures=(GAIN, LOOP, RETURN, REST))
+QUICK = Plan(steps=(2e-3,), drops=1, loops=1, measures=("gain", "loop", "return", "rest"))
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,6 @@ def _rests(made: World, job: Job) -> Iterator[Number]:
     yield Number(REST, "dropped", recovery.TIMESTEP, 0, moving, recovery.STILL)
 
 
-_TAKEN: dict[str, Callable[[World, Job], Iterator[Number]]] = {
-    GAIN: _gains,
-    LOOP: _loops,
-    MADE: _drifts,
-    RETURN: _returns,
-    REST: _rests,
-}
+_TAKEN: dict[str, Callable[[World, Job], Iterator[Number]]] = dict(
+    zip(MEASURES, (_gains, _loops, _drifts, _returns, _rests), strict=True)
+)
