@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError, Notice
-from mjframes.volume.material import is_number
+from mjframes.base.numbers import is_number
 
 Array = NDArray[np.float64]
 

@@ -22,10 +22,10 @@ from mjframes.app.recording import Instant, Recording, State
 from mjframes.app.ticks import Ticks
 from mjframes.app.watch import Watch
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_number
 from mjframes.scene import view
 from mjframes.scene.load import DIVERGED, mujoco_warnings, require_model, reset_to, start
 from mjframes.scene.packed import pack
-from mjframes.volume.material import is_number
 
 if TYPE_CHECKING:
     from mjframes.app.log.session import Logging

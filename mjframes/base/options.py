@@ -20,8 +20,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, ParamSpec, TypeVar
 
-import numpy as np
-
 from mjframes.base.errors import MjframesError
 
 P = ParamSpec("P")
@@ -61,11 +59,6 @@ def option(help: str, **more: Any) -> dict[str, Option]:
 def options_of(kind: type) -> list[tuple[Field[Any], Option]]:
     """Return the fields of a dataclass that are options, in their order."""
     return [(some, some.metadata["option"]) for some in fields(kind) if "option" in some.metadata]
-
-
-def is_whole(value: object) -> bool:
-    """Return whether a value is an integer, and no truth value."""
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def require_choices(options: Any) -> None:

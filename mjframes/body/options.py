@@ -25,7 +25,8 @@ from mjframes.base.choices import (
 )
 from mjframes.base.constants import LEAST_VERTICES, VERTICES
 from mjframes.base.errors import MjframesError
-from mjframes.base.options import is_whole, option, require_choices
+from mjframes.base.numbers import is_number, is_whole
+from mjframes.base.options import option, require_choices
 from mjframes.elasticity.law_table import ALL_LAWS, LAWS
 from mjframes.frames.supports import Support, supports_of
 from mjframes.volume.volume import Volume
@@ -181,7 +182,7 @@ class BuildOptions:
                 f"volume is a {type(self.volume).__name__}; give a Volume, as Volume.from_labels(labels, spacing, "
                 "materials)."
             )
-        if not (isinstance(self.seed, (int, np.integer)) and self.seed >= 0):
+        if not (is_whole(self.seed) and self.seed >= 0):
             raise MjframesError(f"seed is {self.seed!r}; it must be a whole number from 0 on.")
         if not (self.progress is None or callable(self.progress)):
             raise MjframesError(f"progress is {self.progress!r}; give a function that takes a text, as print.")
@@ -230,7 +231,7 @@ class BuildOptions:
 
     def _check_number_of_frames(self) -> None:
         error, frames, at = self.error, self.frames, self.at
-        if error is not None and not (isinstance(error, (int, float)) and 0 < error < 1):
+        if error is not None and not (is_number(error) and 0 < error < 1):
             raise MjframesError(f"error is {error!r}; it must be a number between 0 and 1, as 0.05 for 5 %.")
         if sum(given is not None for given in (frames, at, error)) > 1 and (error is not None or at is None):
             raise MjframesError("more than one of frames, at and error is given; give one of them.")

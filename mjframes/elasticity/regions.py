@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_whole
 from mjframes.base.rows import distinct_rows, members_of
 from mjframes.base.threads import in_parallel
 from mjframes.volume.grid import Grid
@@ -57,7 +58,7 @@ def split_regions(grid: Grid, weights: sparse.csr_array, samples: int) -> Region
 
     Raise MjframesError for samples < 1.
     """
-    if not isinstance(samples, (int, np.integer)) or samples < 1:
+    if not is_whole(samples) or samples < 1:
         raise MjframesError(f"samples is {samples!r}; it must be an integer ≥ 1, the number of regions.")
     label, sets = frame_sets(weights)
     label, sets = _without_films(grid, label, sets)

@@ -24,6 +24,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_whole
 from mjframes.dm import lift, lifting
 from mjframes.dm.lifting import Layout
 from mjframes.scene.load import DIVERGED
@@ -133,7 +134,7 @@ class LiftSteakVector(VectorEnv):
     ) -> None:
         """Make the worlds. threads: 0 takes all processors.  touch: as of `LiftSteak`."""
         for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
-            if not (isinstance(value, (int, np.integer)) and value >= least):
+            if not (is_whole(value) and value >= least):
                 raise MjframesError(f"{name} is {value!r}; it must be a whole number ≥ {least}.")
         if render_mode is not None:
             raise MjframesError(f"render_mode is {render_mode!r}; many worlds are not drawn, make one LiftSteak.")
@@ -154,12 +155,9 @@ class LiftSteakVector(VectorEnv):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode in every world."""
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
-        if len(seeds) != self.num_envs:
-            raise MjframesError(f"seed has {len(seeds)} numbers; give one, or {self.num_envs}.")
-        for world, own in enumerate(seeds):
+        for world, own in enumerate(self._seeds(seed)):
             if own is not None:
-                self._random[world] = seeding.np_random(own)[0]
+                self._random[world] = seeding.np_random(int(own))[0]
         self._start(np.arange(self.num_envs))
         return _observed(self._at, self.batch), {}
 
@@ -186,6 +184,17 @@ class LiftSteakVector(VectorEnv):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Do nothing: the worlds go with the object."""
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        """The seed of each world. Raise MjframesError for anything else than None, one, or one a world."""
+        if seed is None:
+            return [None] * self.num_envs
+        seeds = [seed + i for i in range(self.num_envs)] if is_whole(seed) else seed
+        if not (isinstance(seeds, (Sequence, np.ndarray)) and all(own is None or is_whole(own) for own in seeds)):
+            raise MjframesError(f"seed is {seed!r}; give a whole number ≥ 0, or {self.num_envs} of them.")
+        if len(seeds) != self.num_envs:
+            raise MjframesError(f"seed has {len(seeds)} numbers; give one, or {self.num_envs}.")
+        return seeds
 
     def _start(self, worlds: NDArray[np.int64]) -> None:
         """Start an episode in some worlds."""

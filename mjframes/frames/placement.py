@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
-from mjframes.base.options import is_whole
+from mjframes.base.numbers import is_whole
 from mjframes.base.rows import members_of
 from mjframes.frames.clusters import ClusterGraph, cluster_graph, improve
 from mjframes.frames.distance import nearest_sources, voxel_graph

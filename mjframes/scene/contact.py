@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
-from mjframes.base.options import is_whole
-from mjframes.volume.material import is_number
+from mjframes.base.numbers import is_number, is_whole
 
 LENGTHS = {"friction": 3, "solref": 2, "solimp": 5}
 CONDIMS = (1, 3, 4, 6)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from mjframes.base.errors import MjframesError
-from mjframes.volume.material import is_number
+from mjframes.base.numbers import is_number
 
 Pose = tuple[np.ndarray, np.ndarray]  # (3, 3), (3,) [m]
 

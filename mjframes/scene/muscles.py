@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.cluster.vq import kmeans2
 
 from mjframes.base.errors import MjframesError
-from mjframes.base.options import is_whole
+from mjframes.base.numbers import is_whole
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene.material_points import material_points
 from mjframes.volume.grid import Grid

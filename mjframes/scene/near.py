@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjframes.base.errors import MjframesError, reason
+from mjframes.base.numbers import is_number
 from mjframes.scene import links
-from mjframes.volume.material import is_number
 from mjframes.volume.volume import Volume
 
 PROBE = 1e-6  # [m] radius of the sphere whose distance is asked for: MuJoCo has no points

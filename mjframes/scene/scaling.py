@@ -136,7 +136,16 @@ def add_scaling(
 
 def stiffness(model: mujoco.MjModel, name: str, count: int) -> NDArray[np.float64]:
     """Return the factors (count,) of the moduli as the plugin takes them: 1 for what is no positive factor."""
-    entries = _entries(model, name, STIFFNESS)
+    return _numeric(model, name, STIFFNESS, count)
+
+
+def damping(model: mujoco.MjModel, name: str) -> NDArray[np.float64]:
+    """Return the factors (2,) of Rayleigh's α and β as the plugin takes them: 1 for what is no positive factor."""
+    return _numeric(model, name, DAMPING, 2)
+
+
+def _numeric(model: mujoco.MjModel, name: str, key: str, count: int) -> NDArray[np.float64]:
+    entries = _entries(model, name, key)
     values = np.ones(count) if entries is None else np.array(model.numeric_data[entries])
     return np.where(_are_factors(values), values, 1.0)
 

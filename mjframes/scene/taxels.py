@@ -24,6 +24,7 @@ from scipy.spatial import KDTree
 from scipy.special import j0
 
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_number, is_whole
 from mjframes.base.trimeshes import trimesh
 from mjframes.body.soft_body import SoftBody
 from mjframes.elasticity.shares import factor_of
@@ -33,7 +34,6 @@ from mjframes.scene.plugin_text import decode, encode
 from mjframes.scene.sensors import Quantity, place_attributes, soft_attributes, write_sensor
 from mjframes.surface.dents import PRESSURE
 from mjframes.volume.grid import voxel_grid
-from mjframes.volume.material import is_number
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class TaxelGrid:
             raise MjframesError(f"normal is {self.normal!r}; give a direction that is not zero.")
         if min(self.size) <= 0:
             raise MjframesError(f"size is {self.size!r}; give a height and a width > 0 in metres.")
-        whole = np.shape(self.shape) == (2,) and all(isinstance(n, (int, np.integer)) for n in self.shape)
+        whole = np.shape(self.shape) == (2,) and all(map(is_whole, self.shape))
         if not whole or min(self.shape) < 1 or int(np.prod(self.shape)) > MOST:
             raise MjframesError(f"shape is {self.shape!r}; give two whole numbers ≥ 1, {MOST} taxels at most.")
         if self.along is not None and not (

@@ -23,6 +23,7 @@ from scipy import ndimage, sparse
 
 from mjframes.base.constants import LEAST_VERTICES
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_number, is_whole
 from mjframes.base.rows import distinct_rows
 from mjframes.body.soft_body import SoftBody
 from mjframes.scene import links, plugin
@@ -36,7 +37,7 @@ from mjframes.scene.skins import add_skin
 from mjframes.scene.tendon_slopes import Elements, correction, likeness, pair_slopes
 from mjframes.surface.isosurface import kept_surface
 from mjframes.volume.grid import voxel_grid
-from mjframes.volume.material import Material, is_number
+from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 from mjframes.weights.interpolation import closest_voxels
 
@@ -92,7 +93,7 @@ class Chamber:
                 raise MjframesError(f"{name} is {value!r}; give a number > 0.")
         if not (is_number(self.ambient) and self.ambient >= 0):
             raise MjframesError(f"ambient is {self.ambient!r}; give an absolute pressure in pascals, 0 in a vacuum.")
-        if not (isinstance(self.vertices, (int, np.integer)) and self.vertices >= LEAST_VERTICES):
+        if not (is_whole(self.vertices) and self.vertices >= LEAST_VERTICES):
             raise MjframesError(f"vertices is {self.vertices!r}; give a whole number ≥ {LEAST_VERTICES}.")
         if not isinstance(self.lid, bool):
             raise MjframesError(f"lid is {self.lid!r}; it must be True or False.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from mjframes.base.constants import RIGID_POISSON, RIGID_YOUNG
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_number
 from mjframes.volume.library import LIBRARY
 
 YOUNG = (1e-3, 1e15)  # [Pa] far beyond foam and diamond; in between no square of a stiffness overflows
@@ -126,12 +126,3 @@ class Material:
         """Return Lamé's (λ, μ) [Pa]."""
         e, nu = self.young, self.poisson
         return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value is a real, finite number, and no truth value or text."""
-    return (
-        isinstance(value, (int, float, np.integer, np.floating))
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )

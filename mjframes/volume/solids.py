@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjframes.base.errors import MjframesError
-from mjframes.volume.material import is_number
+from mjframes.base.numbers import is_number
 from mjframes.volume.spacing import require_room, spacing_or_voxels, three_lengths
 
 Array = NDArray[np.float64]

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjframes.base.constants import MOST_CELLS
 from mjframes.base.errors import MjframesError
 from mjframes.base.memory import available_memory
+from mjframes.base.numbers import is_whole
 
 VOXELS = 20_000  # inside, unless given: built in seconds, and with some across every limb
 CELL = 8  # [bytes] of a cell while it is found inside or outside
@@ -41,7 +42,7 @@ def spacing_or_voxels(spacing: ArrayLike | None, voxels: int | None) -> tuple[ND
 
 def require_voxels(voxels: object) -> None:
     """Raise MjframesError for what is no number of voxels."""
-    if not (isinstance(voxels, (int, np.integer)) and not isinstance(voxels, bool) and voxels >= 1):
+    if not (is_whole(voxels) and voxels >= 1):
         raise MjframesError(f"voxels is {voxels!r}; it must be a whole number from 1 on.")
 
 

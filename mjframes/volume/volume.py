@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjframes.base.constants import MOST_CELLS, UP, VOLUME_VERSION
 from mjframes.base.errors import MjframesError, telling_memory
 from mjframes.base.files import replacing
+from mjframes.base.numbers import is_number
 from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
 from mjframes.volume.material import Material
@@ -261,7 +262,7 @@ class Volume:
         from mjframes.volume.voxelize import spacing_for, voxelize
 
         step, count = spacing_or_voxels(spacing, voxels)
-        if scale is not None and not (isinstance(scale, (int, float)) and np.isfinite(scale) and scale > 0):
+        if scale is not None and not (is_number(scale) and scale > 0):
             raise MjframesError(f"scale is {scale!r}; it must be the length of the meshes' unit in metres.")
         pairs = list(meshes)
         if not pairs or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
@@ -488,7 +489,7 @@ class Volume:
             raise MjframesError(f"side is {side!r}; it must be one of {', '.join(map(repr, UP))}.")
         direction = (-1.0 if side[0] == "-" else 1.0) * np.eye(3)["xyz".index(side[-1])]
         voxel = float(np.abs(direction @ self.axes) @ self.spacing)
-        if depth is not None and not (isinstance(depth, (int, float)) and 0.5 * voxel <= depth < np.inf):
+        if depth is not None and not (is_number(depth) and depth >= 0.5 * voxel):
             raise MjframesError(
                 f"depth is {depth!r}; it must be a length in metres, half a voxel or more, here {voxel / 2:g}."
             )

@@ -9,10 +9,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mjframes.base import texts
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_whole
 from mjframes.base.options import option
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ class Voronoi(Weights):
 
     def __post_init__(self) -> None:
         times = self.subdivisions
-        if not isinstance(times, (int, np.integer)) or not 1 <= times <= MOST_SUBDIVISIONS:
+        if not is_whole(times) or not 1 <= times <= MOST_SUBDIVISIONS:
             raise MjframesError(f"subdivisions is {times!r}; it must be an integer from 1 to {MOST_SUBDIVISIONS}.")
 
     def at_voxels(self, grid: Grid, placement: Placement) -> sparse.csr_array:

@@ -40,7 +40,7 @@ from mjframes.body.build import build
 from mjframes.cli.commands import main
 from mjframes.frames.supports import Fixed
 from mjframes.scene.attach import attach
-from mjframes.scene.scaling import stiffness
+from mjframes.scene.scaling import damping, scale, stiffness
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
@@ -356,6 +356,18 @@ def test_sliders_of_materials_are_factors() -> None:
 
 
 @needs_viser
+def test_sliders_begin_with_the_factors_of_the_scene() -> None:
+    model = cantilever()
+    scale(model, "soft0", 3, damping=(1, 4))
+    with page({"bar": model}, port=0) as shown:
+        assert labelled(shown, "foam ×3.00").value == 3
+        move(shown, labelled(shown, "damping β ×4.00"), 2)
+        assert damping(shown.simulation.model, "soft0") == pytest.approx([1, 2])
+        with pytest.raises(LookupError):
+            labelled(shown, "damping α ×1.00")  # the body has none
+
+
+@needs_viser
 def test_nothing_moves_before_a_browser_comes() -> None:
     stop = threading.Event()
     with page({"room": mujoco.MjModel.from_xml_string(ROOM)}, port=0) as shown:
@@ -586,7 +598,7 @@ def test_inputs_take_only_what_they_can_have(capfd: pytest.CaptureFixture[str]) 
         loop = threading.Thread(target=shown.run, args=(stop,))
         loop.start()
         inputs = dict(shown.server.gui._gui_input_handle_from_uuid)
-        sliders = [labelled(shown, label) for label in ("speed", "rubber ×1.00", "foam ×1.00", "damping ×1.00")]
+        sliders = [labelled(shown, label) for label in ("speed", "rubber ×1.00", "foam ×1.00", "damping β ×1.00")]
         spring, scenes, cameras = (labelled(shown, label) for label in ("spring [N/m]", "scene", "camera"))
         camera = cameras.value
         with visited(shown) as send:

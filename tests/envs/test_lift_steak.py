@@ -96,6 +96,8 @@ def test_a_seed_says_what_a_world_does() -> None:
     first, again, other = (worlds.reset(seed=seed)[0] for seed in (7, [7, 8], 9))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any(axis=1).all()
+    zeros = [worlds.reset(seed=seed)[0] for seed in (0, np.int64(0), np.array([0, 1]))]
+    np.testing.assert_array_equal(zeros[1:], zeros[:1] * 2)
     factors = worlds.batch.expand("numeric_data")[:, 0]
     assert len(np.unique(factors)) == 2
     assert ((factors > 0.5) & (factors < 2)).all()
@@ -108,6 +110,12 @@ def test_a_seed_says_what_a_world_does() -> None:
 def test_bad_arguments_are_named(arguments: dict[str, object], words: str) -> None:
     with pytest.raises(MjframesError, match=words):
         LiftSteakVector(**arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [0.5, "two", [1, 2, 3], [1, None, "x"], True])
+def test_bad_seeds_are_named(seed: object) -> None:
+    with pytest.raises(MjframesError, match="^seed"):
+        LiftSteakVector(2, threads=1).reset(seed=seed)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -124,8 +124,9 @@ def test_a_length_that_looks_like_another_unit_is_said() -> None:
 
 
 def test_scale_is_of_the_meshes_and_not_of_the_spacing() -> None:
-    volume = silently([(box((40, 60, 100)), FLESH)], 0.01, scale=0.001)
-    assert volume.labels.shape == (4, 6, 10)
+    for scale in (0.001, np.float32(0.001)):
+        volume = silently([(box((40, 60, 100)), FLESH)], 0.01, scale=scale)
+        assert volume.labels.shape == (4, 6, 10)
 
 
 @pytest.mark.parametrize("ending", ["obj", "stl", "ply", "off", "glb"])

@@ -642,7 +642,7 @@ def test_masks_of_sides_boxes_and_labels() -> None:
     np.testing.assert_array_equal(volume.side("z"), last & (volume.labels > 0))
     lying = volume.upright("-z")  # what was at the top is at the bottom
     np.testing.assert_array_equal(lying.side("-z"), volume.side("z"))
-    np.testing.assert_array_equal(volume.side("z", 0.02), volume.side("z"))
+    np.testing.assert_array_equal(volume.side("z", np.float32(0.02)), volume.side("z"))
     assert volume.side("-x", 0.03).sum() == np.isin(inside[:, 0], inside[:, 0].min() + np.arange(3)).sum()
     low = volume.centers.min(axis=0)
     np.testing.assert_array_equal(volume.in_box(low - 0.001, [9, 9, low[2] + 0.001]), volume.side("-z"))
@@ -654,6 +654,7 @@ def test_masks_of_sides_boxes_and_labels() -> None:
     [
         (lambda volume: volume.side("up"), "side is 'up'; it must be one of 'x'"),
         (lambda volume: volume.side("z", 0.001), r"depth is 0\.001; it must be a length in metres, .* here 0\.005"),
+        (lambda volume: volume.side("z", True), "depth is True; it must be a length in metres"),
         (lambda volume: volume.in_box([5, 5, 5], [6, 6, 6]), r"the box from \[5.* holds no voxel; the voxels' centres"),
         (lambda volume: volume.in_box([5, 5], [6, 6, 6]), r"lower is \[5, 5\]; it must be three coordinates"),
         (lambda volume: volume.with_label(0), "label is 0, which no voxel has; the labels are"),

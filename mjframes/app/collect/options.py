@@ -8,8 +8,8 @@ from dataclasses import KW_ONLY, dataclass, field
 
 from mjframes.base import texts
 from mjframes.base.errors import MjframesError
+from mjframes.base.numbers import is_number, is_whole
 from mjframes.base.options import option, require_choices
-from mjframes.volume.material import is_number
 
 CONTROLS = NONE, RANDOM = "none", "random"
 
@@ -86,8 +86,7 @@ class CollectOptions:
                 raise MjframesError(f"{name} is a {type(value).__name__}; give {right}.")
         for name, least in (("worlds", 1), ("seed", 0), ("shard", 1), ("threads", 1)):
             value = getattr(self, name)
-            is_whole = isinstance(value, int) and not isinstance(value, bool) and value >= least
-            if not is_whole and not (name == "threads" and value is None):
+            if not (is_whole(value) and value >= least) and not (name == "threads" and value is None):
                 raise MjframesError(f"{name} is {value!r}; give a whole number from {least} on.")
         for name, unit in (("seconds", "time in seconds"), ("rate", "number of entries a second")):
             if not (is_number(getattr(self, name)) and getattr(self, name) > 0):

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from viser import GuiSliderHandle, GuiUplotHandle, ViserServer
 
 from mjframes.app.control_table import control_names
@@ -140,15 +141,19 @@ class Controls:
                 for label, called in known.items():
                     stiffen = partial(self._stiffen, name, factors, label)
                     self._add_factor(called or f"label {label}", "Stiffness", factors[label], stiffen)
-                if any(body.damping):
-                    self._add_factor("damping", "Rayleigh's α and β", 1.0, partial(self._damp, name))
+                damping = scaling.damping(model, name)
+                for place in np.flatnonzero(body.damping):
+                    letter = "αβ"[place]
+                    damp = partial(self._damp, name, damping, place)
+                    self._add_factor(f"damping {letter}", f"Rayleigh's {letter}", damping[place], damp)
 
     def _stiffen(self, name: str, factors: dict[int, float], label: int, factor: float) -> None:
         factors[label] = factor
         scaling.scale(self._simulation.model, name, materials=factors)
 
-    def _damp(self, name: str, factor: float) -> None:
-        scaling.scale(self._simulation.model, name, damping=(factor, factor))
+    def _damp(self, name: str, factors: NDArray[np.float64], place: int, factor: float) -> None:
+        factors[place] = factor
+        scaling.scale(self._simulation.model, name, damping=factors)
 
     def _add_factor(self, label: str, what: str, now: float, action: Callable[[float], None]) -> None:
         """A slider of a factor, with a box to type it into; its label has the factor as well."""
