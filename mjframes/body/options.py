@@ -78,7 +78,7 @@ class BuildOptions:
     error: float | None = field(
         default=None,
         metadata=option(
-            "take the fewest frames with an error below this, 0.05 for 5 % [-]; all errors of `BodyError` count",
+            "take the fewest frames with an error below this, 0.05 for 5 % [-]; all errors in `body.error` count",
             reads=texts.share,
             metavar="E",
             instead_of="frames",

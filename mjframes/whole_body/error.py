@@ -40,8 +40,8 @@ class BodyError:
 
     weight: under its own weight, in the direction where that is most; None for a body that nothing holds.
     pushes: the largest of some pushes on 8 % of the surface each, away from where it is pushed.
-    bends: by how much the body moves too little where such loads bend it far, see `far_bends`; None where that is
-        not known, as of a body that an earlier version saved.
+    bends: by how much the body moves too little where such loads bend it far, see `far_bends`; None where that was
+        not measured.
     """
 
     weight: float | None

@@ -27,7 +27,7 @@ from mjframes.scene.instability import GROWN, warn, warn_inside
 from mjframes.scene.load import mujoco_warnings, start
 
 HOLD = 0.1  # [s] that a random control lasts
-CONTROLS = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 MOST_STEPS = 100  # a call of the batch: what is put on worlds in each of them is in memory
 NUMBER = 1  # of a warning's counters: how often
 ERROR = "ERROR"  # why a world ended, where MuJoCo gives no warning
@@ -94,7 +94,7 @@ class Stepping:
                 sensed = np.zeros((*given.shape[:2], model.nsensordata))
                 with mujoco_warnings(), suppress(SimulationError):  # `warning` and `status` tell of both
                     batch.rollout(
-                        given.shape[1], given, CONTROLS, record=("sensordata",), ids=going, out={"sensordata": sensed}
+                        given.shape[1], given, DRIVEN, record=("sensordata",), ids=going, out={"sensordata": sensed}
                     )
                 if first == step:
                     kept["ctrl"][going, tick], kept["sensors"][going, tick] = given[:, 0, : model.nu], sensed[:, 0]

@@ -1,1 +1,1 @@
-"""Drawing of fields on voxels: `views` draws the surface in space, `slices` cuts it, `page` puts both on one page."""
+"""Drawing of fields on voxels: `surface` draws it in space, `slices` cuts it, `page` puts both on one page."""
