@@ -1,6 +1,7 @@
 """Measurements of mjframes: what a clone runs and a wheel does not have.
 
-tables → solids → contenders → speed → accuracy: a folder imports itself and earlier ones. `stability` imports the tables alone.
+tables → solids → contenders → speed → accuracy: a folder imports itself and earlier ones. `stability` imports the
+tables alone.
 
 python -m benchmarks.accuracy.report        make report        error against finite elements and MuJoCo's flex
 python -m benchmarks.accuracy.factors                          bodies whose stiffness is scaled

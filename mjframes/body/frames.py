@@ -100,7 +100,7 @@ def _sets(grid: Grid, shares: sparse.csr_array) -> NDArray[np.bool_]:
     label, sets = frame_sets(shares)
     meeting = []
     for step in np.eye(3, dtype=np.int32):
-        ahead = grid.padded[tuple((grid.index + 1 + step).T)]
+        ahead = grid.beside(step)
         here = np.flatnonzero(ahead >= 0)
         meeting.append(np.stack([label[here], label[ahead[here]]], axis=1))
     pairs = np.unique(np.concatenate(meeting), axis=0)

@@ -131,7 +131,7 @@ def _bridges(grid: Grid, piece: Ints) -> tuple[Ints, Ints]:
         for step in _SLANTED:
             if np.count_nonzero(step) != axes:
                 continue
-            other = grid.padded[tuple((grid.index + 1 + step).T)]
+            other = grid.beside(step)
             first = np.flatnonzero((other >= 0) & (part != part[other]))
             second = other[first]
             touching.append(np.stack([part[first], part[second]], axis=1))

@@ -102,6 +102,6 @@ def _thin(grid: Grid, held: NDArray[np.bool_]) -> float:
     holds, free = np.append(held, False), np.append(~held, False)  # outside, number −1, is neither
     thin = np.zeros(len(held), bool)
     for step in (*np.eye(3, dtype=int), *-np.eye(3, dtype=int)):
-        beside, beyond = (grid.padded[tuple((grid.index + 1 + way).T)] for way in (step, -step))
+        beside, beyond = (grid.beside(way) for way in (step, -step))
         thin |= holds[beside] & ~free[beyond]
     return float(np.mean(thin[~held])) if not held.all() else 0.0

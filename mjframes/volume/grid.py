@@ -61,6 +61,10 @@ class Grid:
         """Return the centres (n, 3) of all voxels [m], kept from the first use on: `points` is for a few at a time."""
         return self.points(slice(None))
 
+    def beside(self, step: ArrayLike, voxels: NDArray[np.integer] | slice = slice(None)) -> NDArray[np.int32]:
+        """Return the voxel (v,) that is a step (3,) of −1, 0 and 1 along the index axes from each; −1 outside."""
+        return self.padded[tuple((self.index[voxels] + 1 + np.asarray(step, np.int32)).T)]
+
     @cached_property
     def outermost(self) -> NDArray[np.int32]:
         """Return the voxels with a face neighbour outside: the nearest one to any point outside is one of them."""

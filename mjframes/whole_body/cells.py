@@ -234,9 +234,7 @@ def _difference(grid: Grid, voxels: NDArray[np.int32], axis: int) -> Array | Non
     """(n,) what each voxel's displacement counts in the mean slope along an axis [1/m], None for none."""
     near = []
     for side in (1, -1):
-        index = grid.index[voxels] + 1
-        index[:, axis] += side
-        other = grid.padded[tuple(index.T)]
+        other = grid.beside(side * np.eye(3, dtype=np.int32)[axis], voxels)
         alike = (other >= 0) & (grid.material[other] == grid.material[voxels])
         near.append(np.where(alike, other, voxels))
     steps = (near[0] != voxels).astype(int) + (near[1] != voxels)

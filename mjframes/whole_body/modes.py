@@ -122,7 +122,7 @@ def mode_slopes(
     for axis, step in enumerate(np.eye(3, dtype=np.int32)):
         sums, weight = np.zeros(own.shape), np.zeros(len(voxels))
         for side in (-1, 1):
-            other = grid.padded[tuple((grid.index[voxels] + 1 + side * step).T)]
+            other = grid.beside(side * step, voxels)
             inside = (other >= 0) & (region[other] == region[voxels])
             counts = np.where(within[other] == within[voxels], 1.0, OTHER) * inside
             sums += (side * counts / grid.spacing[axis])[:, None, None] * (mode[other] - own)

@@ -174,7 +174,7 @@ def _neighbours(
     pairs = []
     for axis, step in enumerate(np.eye(3, dtype=np.int32)):
         for side in (-1, 1):
-            other = grid.padded[tuple((grid.index + 1 + side * step).T)]
+            other = grid.beside(side * step)
             own = np.flatnonzero((other >= 0) & (blocks != blocks[other]))
             alike = (grid.material[own] == grid.material[other[own]]) & (still[own] == still[other[own]])
             pairs.append((blocks[own], blocks[other[own]], np.full(len(own), axis), alike))

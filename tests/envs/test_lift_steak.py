@@ -114,7 +114,7 @@ def test_bad_arguments_are_named(arguments: dict[str, object], words: str) -> No
 
 @pytest.mark.parametrize("seed", [0.5, "two", [1, 2, 3], [1, None, "x"], True])
 def test_bad_seeds_are_named(seed: object) -> None:
-    with pytest.raises(MjframesError, match="^seed"):
+    with pytest.raises(MjframesError, match=r"^seed"):
         LiftSteakVector(2, threads=1).reset(seed=seed)  # type: ignore[arg-type]
 
 

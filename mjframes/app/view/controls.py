@@ -142,7 +142,7 @@ class Controls:
                     stiffen = partial(self._stiffen, name, factors, label)
                     self._add_factor(called or f"label {label}", "Stiffness", factors[label], stiffen)
                 damping = scaling.damping(model, name)
-                for place in np.flatnonzero(body.damping):
+                for place in np.flatnonzero(body.damping).tolist():
                     letter = "αβ"[place]
                     damp = partial(self._damp, name, damping, place)
                     self._add_factor(f"damping {letter}", f"Rayleigh's {letter}", damping[place], damp)

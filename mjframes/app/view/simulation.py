@@ -8,7 +8,7 @@ from collections import deque
 import mujoco
 import numpy as np
 
-from mjframes.app.measure import measure, penetration, state_of
+from mjframes.app.measure import measure, penetration, state_of, weight_of
 from mjframes.app.recording import Instant
 from mjframes.app.view.grip import Grip
 from mjframes.scene import view
@@ -39,8 +39,7 @@ class Simulation:
         self.paused, self.diverged, self.speed = False, False, 1.0
         self.held: Grip | None = None
         self.target, self.force = np.zeros(3), np.zeros(3)
-        moving = float(model.body_mass[model.body_weldid != 0].sum())
-        self.stiffness = _handy(moving * float(np.linalg.norm(model.opt.gravity)), model.stat.extent)
+        self.stiffness = _handy(weight_of(model), model.stat.extent)
         self._anchor = (time.perf_counter(), 0.0)
         self.reset()
 
