@@ -65,7 +65,7 @@ def cross_stack(z: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def turned(rotation: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return R turned by a (3,) [rad] in its own axes, by Cayley's map."""
-    q = 0.5 * np.tensordot(turn, CROSS, 1)
+    q = 0.5 * (turn @ CROSS.reshape(3, 9)).reshape(3, 3)
     return rotation @ (np.eye(3) + 2 / (1 + 0.25 * turn @ turn) * (q + q @ q))
 
 
@@ -112,7 +112,7 @@ class _Turn:
         slope = self.curvature @ delta
         total = float(delta @ (0.5 * slope + self.slope))
         slope = slope + self.slope
-        columns = np.array([(D @ cross).ravel() for cross in CROSS]).T
+        columns = (D @ CROSS).reshape(3, 9).T
         twist = columns.T @ self.curvature @ columns
         for cell, before, by_turn in self.cells:
             F = before[None] + (by_turn @ delta).reshape(1, 3, 3)

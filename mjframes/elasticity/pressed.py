@@ -23,10 +23,10 @@ SINGULAR = 1e-8
 ALIKE = 1e-6
 
 EYE = np.eye(3)
-ACROSS = ((0, 1), (1, 2), (2, 0))
+ACROSS = np.array([0, 1, 2]), np.array([1, 2, 0])
 STRAINS = np.array(
     [np.outer(axis, axis) for axis in EYE]
-    + [np.sqrt(0.5) * (np.outer(EYE[a], EYE[b]) + np.outer(EYE[b], EYE[a])) for a, b in ACROSS]
+    + [np.sqrt(0.5) * (np.outer(EYE[a], EYE[b]) + np.outer(EYE[b], EYE[a])) for a, b in zip(*ACROSS, strict=True)]
 )
 FLAT = STRAINS.reshape(6, 9)
 VOLUME = np.array([1.0, 1, 1, 0, 0, 0])  # tr ε = VOLUME · ε
@@ -96,13 +96,14 @@ class PressedCell:
         if not self.firmness or e[0] <= 0:
             return 0.0, np.zeros(6), np.zeros((6, 6))
         g, g1, g2 = stiffening(e)
-        along = np.array([FLAT @ np.outer(axis, axis).ravel() for axis in axes.T])
-        across = np.array([FLAT @ (np.outer(axes[:, a], axes[:, b]) * np.sqrt(2)).ravel() for a, b in ACROSS])
-        between = [
-            (g1[a] - g1[b]) / (e[a] - e[b]) if abs(e[a] - e[b]) > ALIKE else 0.5 * (g2[a] + g2[b]) for a, b in ACROSS
-        ]
-        H = along.T @ np.diag(g2) @ along + across.T @ np.diag(between) @ across
-        return self.firmness * float(g.sum()), -self.firmness * along.T @ g1, self.firmness * H
+        a, b = ACROSS
+        apart = e[a] - e[b]
+        alike = np.abs(apart) <= ALIKE
+        between = np.where(alike, 0.5 * (g2[a] + g2[b]), (g1[a] - g1[b]) / np.where(alike, 1, apart))
+        along = FLAT @ (axes[:, None] * axes).reshape(9, 3)
+        across = FLAT @ (np.sqrt(2) * axes[:, None, a] * axes[:, b]).reshape(9, 3)
+        H = (along * g2) @ along.T + (across * between) @ across.T
+        return self.firmness * float(g.sum()), -self.firmness * along @ g1, self.firmness * H
 
 
 def stiffening(e: Array) -> tuple[Array, Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -96,7 +96,7 @@ def test_a_seed_says_what_a_world_does() -> None:
     first, again, other = (worlds.reset(seed=seed)[0] for seed in (7, [7, 8], 9))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any(axis=1).all()
-    zeros = [worlds.reset(seed=seed)[0] for seed in (0, np.int64(0), np.array([0, 1]))]
+    zeros = [worlds.reset(seed=cast(Any, seed))[0] for seed in (0, np.int64(0), np.array([0, 1]))]
     np.testing.assert_array_equal(zeros[1:], zeros[:1] * 2)
     factors = worlds.batch.expand("numeric_data")[:, 0]
     assert len(np.unique(factors)) == 2

@@ -7,7 +7,7 @@ import sys
 import tracemalloc
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -642,7 +642,7 @@ def test_masks_of_sides_boxes_and_labels() -> None:
     np.testing.assert_array_equal(volume.side("z"), last & (volume.labels > 0))
     lying = volume.upright("-z")  # what was at the top is at the bottom
     np.testing.assert_array_equal(lying.side("-z"), volume.side("z"))
-    np.testing.assert_array_equal(volume.side("z", np.float32(0.02)), volume.side("z"))
+    np.testing.assert_array_equal(volume.side("z", cast(float, np.float32(0.02))), volume.side("z"))
     assert volume.side("-x", 0.03).sum() == np.isin(inside[:, 0], inside[:, 0].min() + np.arange(3)).sum()
     low = volume.centers.min(axis=0)
     np.testing.assert_array_equal(volume.in_box(low - 0.001, [9, 9, low[2] + 0.001]), volume.side("-z"))
