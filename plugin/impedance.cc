@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <optional>
+#include <vector>
 
+#include "stack.h"
 #include "world.h"
 
 namespace mjframes {
@@ -37,6 +39,62 @@ double RowLength(const mjModel* m, const mjData* d, int i) {
   if (RowsTogether(m, d, i) == 1 || m->eq_type[d->efc_id[i]] != mjEQ_WELD) return 1;
   const bool turns = i >= 3 && d->efc_id[i - 3] == d->efc_id[i];
   return turns ? m->eq_data[mjNEQDATA * d->efc_id[i] + 10] : 1;  // torquescale
+}
+
+SoftBody* SoftOf(const mjModel* m, const mjData* d, int dof) {
+  return GetSoftBody(d, m->body_plugin[m->dof_bodyid[dof]]);
+}
+
+double RowEntry(const mjModel* m, const mjData* d, int i, int dof) {
+  if (!mj_isSparse(m)) return d->efc_J[i * m->nv + dof];
+  const int *begin = d->efc_J_colind + d->efc_J_rowadr[i], *end = begin + d->efc_J_rownnz[i];
+  const int* at = std::lower_bound(begin, end, dof);
+  return at != end && *at == dof ? d->efc_J[d->efc_J_rowadr[i] + (at - begin)] : 0;
+}
+
+// Σ_j |g_j| of row i. The slides of a mover feel what its own points and those of the movers below are pushed by.
+double SumOfPushes(const mjModel* m, const mjData* d, const std::vector<Mover>& movers, int i, Vec3* push) {
+  for (size_t n = 0; n < movers.size(); n++) {
+    push[n] = {};
+    for (int dof = movers[n].dof; dof < movers[n].dof + 3; dof++) {
+      push[n] = push[n] + RowEntry(m, d, i, dof) * ToVec3(d->xaxis + 3 * m->dof_jntid[dof]);
+    }
+    if (movers[n].parent >= 0) push[movers[n].parent] = push[movers[n].parent] - push[n];
+  }
+  double sum = 0;
+  for (size_t n = 0; n < movers.size(); n++) sum += Norm(push[n]);
+  return sum;
+}
+
+// How much more of a soft body the first rows of a group see than a tie is to.
+double Excess(const mjModel* m, mjData* d, const SoftBody& soft, const RowGroup& group, int rows) {
+  const std::vector<Mover>& movers = soft.kinematics().movers();
+  if (!HasRoom(d, 3 * movers.size())) return 0;
+  double seen = 0, most = 0;
+  for (int k = 0; k < group.size; k++) {
+    if (SoftOf(m, d, group.dof[k]) != &soft) continue;
+    for (int r = 0; r < rows; r++) seen += group.y[kLanes * k + r] * group.y[kLanes * k + r];
+  }
+  MarkStack(d);
+  Vec3* push = static_cast<Vec3*>(mj_stackAllocByte(d, movers.size() * sizeof(Vec3), alignof(Vec3)));
+  for (int r = 0; r < rows; r++) {
+    const double sum = SumOfPushes(m, d, movers, group.row + r, push);
+    most += sum * sum / soft.mass();
+  }
+  FreeStack(d);
+  return most > mjMINVAL ? std::max(0.0, seen - most) : 0;
+}
+
+// The same of all soft bodies that they tie.
+double Excess(const mjModel* m, mjData* d, const RowGroup& group, int rows) {
+  double sum = 0;
+  const SoftBody* last = nullptr;
+  for (int k = 0; k < group.size; k++) {
+    const SoftBody* soft = SoftOf(m, d, group.dof[k]);
+    if (soft && soft != last) sum += Excess(m, d, *soft, group, rows);
+    if (soft) last = soft;
+  }
+  return sum;
 }
 
 void SetFromInverse(mjData* d, int i, double inverse_inertia) {
@@ -88,7 +146,7 @@ void SetResistances(const mjModel* m, mjData* d, const double* lies, const RowGr
     for (int i = first; i < first + count; i++) SetFromInverse(d, i, actual / assumed * d->efc_diagA[i]);
     return;
   }
-  double sum = 0;
+  double sum = m->opt.enableflags & mjENBL_DIAGEXACT ? 0 : -Excess(m, d, group, count);
   for (int r = 0; r < count; r++) sum += product[r][r];
   const double length = RowLength(m, d, first), actual = sum / (count * length * length);
   if (!(actual > mjMINVAL)) return;

@@ -4,6 +4,10 @@
 // the plugin added to d->M; here it is J A⁻¹ Jᵀ. Without that soft bodies hang and stand as deep as their single points
 // of mass would. A contact that lies flat sees 1/m of both sides instead, as MuJoCo's rigid bodies do: so it is as soft
 // at every place and time step, and a body stands level.
+//
+// J A⁻¹ Jᵀ of a single point grows as the step gets shorter, as less of the body comes along. So a tie, which is an
+// equality, a limit or friction loss, sees (Σ_j |g_j|)²/m at most of a soft body of mass m whose points it pushes by
+// g_j: 1/m where it ties one to something else, 4/m where it ties two to each other.
 
 #ifndef MJFRAMES_PLUGIN_IMPEDANCE_H_
 #define MJFRAMES_PLUGIN_IMPEDANCE_H_

@@ -1,4 +1,7 @@
-"""Equalities, limits and friction loss see the effective inertia as contacts do: R = (1 − imp)/imp J A⁻¹ Jᵀ."""
+"""Equalities, limits and friction loss see the effective inertia: R = (1 − imp)/imp J A⁻¹ Jᵀ.
+
+They see (Σ_j |g_j|)²/m of a soft body whose points they push by g_j at most.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from mjframes.body.soft_body import SoftBody
 
 EQUALITY, ROW = mujoco.mjtEq, mujoco.mjtConstraint
 TORQUESCALE = 0.3
+TOGETHER = (int(EQUALITY.mjEQ_CONNECT), int(EQUALITY.mjEQ_WELD))  # rows in threes
 ARM = """<mujoco><option jacobian="{}"/><worldbody><body name="arm" pos="0 0 1">
 <joint name="swing" axis="0 1 0" range="-1 -.5" limited="true" frictionloss=".1"/>
 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/><body name="hand" pos=".3 0 0">
@@ -55,10 +59,24 @@ def constrained(jacobian: str, exact: bool = False) -> tuple[mujoco.MjModel, muj
     return model, data
 
 
-def seen_inverse(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """diag J A⁻¹ Jᵀ (nefc,)."""
+def seen_inverse(model: mujoco.MjModel, data: mujoco.MjData, part: slice | np.ndarray = slice(None)) -> np.ndarray:
+    """diag J A⁻¹ Jᵀ (nefc,), of some degrees of freedom where the others are held."""
+    rows, inertia = dense_constraints(model, data)[:, part], dense_inertia(model, data)[part][:, part]
+    return np.einsum("in,nm,im->i", rows, np.linalg.inv(inertia), rows)
+
+
+def whole_inverse(model: mujoco.MjModel, data: mujoco.MjData, own: list[int]) -> np.ndarray:
+    """(Σ_j |g_j|)²/m (nefc,) of a soft body's bodies; each slides along fixed axes, on that of the one above."""
     rows = dense_constraints(model, data)
-    return np.einsum("in,nm,im->i", rows, np.linalg.inv(dense_inertia(model, data)), rows)
+    slides = {
+        body: range(int(first := model.body_dofadr[body]), int(first) + 3) for body in own if model.body_dofnum[body]
+    }
+    below = {body: rows[:, dofs] @ data.xaxis[model.dof_jntid[dofs]] for body, dofs in slides.items()}
+    pushed = {body: push.copy() for body, push in below.items()}
+    for body in slides:
+        if (parent := int(model.body_parentid[body])) in pushed:
+            pushed[parent] -= below[body]
+    return sum(np.linalg.norm(push, axis=1) for push in pushed.values()) ** 2 / model.body_mass[own].sum()
 
 
 def soft_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -71,13 +89,25 @@ def soft_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 def test_all_rows_of_soft_bodies_have_the_ratio_of_regularization_that_is_asked_for(jacobian: str) -> None:
     model, data = constrained(jacobian)
     seen, rows = seen_inverse(model, data), soft_rows(model, data)
-    equality = data.efc_id[: data.ne]
-    for number in np.unique(equality):
-        kind, own = int(model.eq_type[number]), np.flatnonzero(equality == number)
-        if kind == int(EQUALITY.mjEQ_WELD):
-            seen[own[3:]] = seen[own[3:]].mean() / TORQUESCALE**2
-        if kind in (int(EQUALITY.mjEQ_WELD), int(EQUALITY.mjEQ_CONNECT)):
-            seen[own[:3]] = seen[own[:3]].mean()
+    groups = [[row] for row in range(data.ne, data.nefc)]
+    for number in np.unique(data.efc_id[: data.ne]):
+        own, kind = np.flatnonzero(data.efc_id[: data.ne] == number), int(model.eq_type[number])
+        groups += own.reshape(-1, 3).tolist() if kind in TOGETHER else own[:, None].tolist()
+        seen[own[3:]] /= TORQUESCALE**2  # of a weld
+    softer = np.zeros(data.nefc, bool)
+    for name in ("slides", "turns"):
+        own = [body for body in range(model.nbody) if model.body(body).name.startswith(f"{name}:")]
+        part = seen_inverse(model, data, np.flatnonzero(np.isin(model.dof_bodyid, own)))
+        most = whole_inverse(model, data, own)
+        for some in groups:
+            excess = part[some].mean() - most[some].mean()
+            if most[some].max() > 0 < excess:
+                seen[some] -= excess
+                softer[some] = True
+    for some in groups:
+        seen[some] = seen[some].mean()
+    assert softer.sum() > 12
+    assert not softer[rows].all()
     impedance = data.efc_KBIP[:, 2]
     kinds = {int(kind) for kind in data.efc_type[rows]}
     assert kinds == set(range(5))  # equality, friction loss of joints and tendons, limits of both
@@ -110,28 +140,25 @@ def cube(young: float) -> SoftBody:
     return mf.build(mf.Volume.from_labels(np.ones((6, 6, 6), int), 0.01, {1: material}), 3, damping=(5, 0.005))
 
 
-def test_a_stiff_block_hangs_from_a_connect_as_high_as_a_rigid_one() -> None:
-    sag = {}
-    for young in (1e5, 1e9):
-        spec = mujoco.MjSpec.from_string("<mujoco/>")
-        mf.attach(spec, cube(young), "soft")
-        held = next(body.name for body in spec.bodies if body.name.startswith("soft:"))
-        connect = spec.add_equality(type=EQUALITY.mjEQ_CONNECT, name1=held, name2="world")
-        connect.objtype = mujoco.mjtObj.mjOBJ_BODY
-        connect.data[:3] = 0
-        model = spec.compile()
-        data = mujoco.MjData(model)
-        for _ in range(4000):
-            mujoco.mj_step(model, data)
-        assert np.abs(data.qvel).max() < 1e-3
-        sag[young] = float(np.linalg.norm(data.efc_pos[:3]))
+@pytest.mark.parametrize("young", [1e5, 1e9])
+@pytest.mark.parametrize("timestep", [5e-4, 2e-3])
+def test_what_hangs_from_a_tie_hangs_as_high_as_a_rigid_body_at_every_step(young: float, timestep: float) -> None:
+    """By a connect of one point, which gave way by 3.7 and 14 mm in place of 0.37 before it saw the whole body."""
+    spec = mujoco.MjSpec.from_string("<mujoco/>")
+    mf.attach(spec, cube(young), "soft")
+    held = next(body.name for body in spec.bodies if body.name.startswith("soft:"))
+    connect = spec.add_equality(type=EQUALITY.mjEQ_CONNECT, name1=held, name2="world")
+    connect.objtype = mujoco.mjtObj.mjOBJ_BODY
+    connect.data[:3] = 0
+    model = spec.compile()
+    model.opt.timestep = timestep
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=round(6 / timestep))
+    assert np.abs(data.qvel).max() < 1e-3
     rigid = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body name="b"><freejoint/><geom type="box" size=".03 .03 .03"/></body></worldbody>'
         '<equality><connect body1="b" body2="world" anchor="0 0 .03"/></equality></mujoco>'
     )
-    data = mujoco.MjData(rigid)
-    for _ in range(2000):
-        mujoco.mj_step(rigid, data)
-    expected = float(np.linalg.norm(data.efc_pos[:3]))
-    assert expected < sag[1e9] < 1.7 * expected
-    assert sag[1e9] < sag[1e5]
+    other = mujoco.MjData(rigid)
+    mujoco.mj_step(rigid, other, nstep=2000)
+    assert np.linalg.norm(data.efc_pos[:3]) == pytest.approx(np.linalg.norm(other.efc_pos[:3]), rel=0.05)
