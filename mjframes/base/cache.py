@@ -187,7 +187,7 @@ def _write(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     descriptor, partial = tempfile.mkstemp(PARTIAL, path.stem, path.parent)
     try:
         with open(descriptor, "wb") as file:
-            np.savez_compressed(file, **entry)
+            np.savez(file, **entry)
         os.replace(partial, path)
     finally:
         Path(partial).unlink(missing_ok=True)

@@ -23,32 +23,40 @@ CONCRETE = (np.int64, np.int32, np.float64, np.float32)  # types that annotation
 ROW_PARTS = ("data", "indices", "indptr", "columns")
 
 
-def packed(value: object, name: str = "", hints: Mapping[str, Any] = types.MappingProxyType({})) -> Arrays:
-    """Return the arrays of a dataclass, or of one of its fields.  name: of the field.  hints: its metadata."""
+NO_HINTS: Mapping[str, Any] = types.MappingProxyType({})
+
+
+def packed(value: object, name: str = "", hints: Mapping[str, Any] = NO_HINTS, *, exact: bool = False) -> Arrays:
+    """Return the arrays of a dataclass, or of one of its fields.  name: of the field.  hints: its metadata.
+
+    exact: to the last bit and in the same types, whatever the hints say.
+    """
+    small = (lambda array: array) if exact else _smallest
     if value is None:
         return {}
     if isinstance(value, sparse.csr_array):
         parts = (value.data.astype(hints.get("kept", value.dtype)), value.indices, value.indptr, value.shape[1])  # pyright: ignore[reportOptionalSubscript]
-        return {f"{name}.{part}": _smallest(np.asarray(some)) for part, some in zip(ROW_PARTS, parts, strict=True)}
+        return {f"{name}.{part}": small(np.asarray(some)) for part, some in zip(ROW_PARTS, parts, strict=True)}
     if isinstance(value, np.ndarray):
-        return {name: _smallest(value.astype(hints.get("kept", value.dtype)))}
+        return {name: small(value.astype(hints.get("kept", value.dtype)))}
     if isinstance(value, tuple) and (not value or isinstance(value[0], np.ndarray)):
         parts = [lower_triangle(part) for part in value] if hints.get("symmetric") else value
         shapes = np.array([part.shape for part in parts]) if parts else np.zeros((0, 1))
         values = np.concatenate([np.ravel(part) for part in parts]) if parts else np.zeros(0)
-        return {name: _smallest(values), f"{name}.shape": _smallest(shapes.astype(np.int64))}
+        return {name: small(values), f"{name}.shape": _smallest(shapes.astype(np.int64))}
     if isinstance(value, Mapping):
         return {name: np.array(json.dumps({key: asdict(some) for key, some in value.items()}))}
     if is_dataclass(value):
         found: Arrays = {}
         for field in fields(value):
-            found |= packed(getattr(value, field.name), _inner(name, field.name), field.metadata)
+            inner = _inner(name, field.name)
+            found |= packed(getattr(value, field.name), inner, NO_HINTS if exact else field.metadata, exact=exact)
         return found
     return {name: np.array(value)}
 
 
-def restored(kind: type[T], arrays: Mapping[str, NDArray[Any]], name: str = "") -> T:
-    """Return the dataclass `kind` that was packed.
+def restored(kind: type[T], arrays: Mapping[str, NDArray[Any]], name: str = "", *, exact: bool = False) -> T:
+    """Return the dataclass `kind` that was packed.  exact: as it was packed.
 
     Raise ArithmeticError, AttributeError, LookupError, RecursionError, TypeError or ValueError for arrays that are not
     of its fields; whether they fit each other is not looked at.
@@ -56,31 +64,34 @@ def restored(kind: type[T], arrays: Mapping[str, NDArray[Any]], name: str = "") 
     hints = get_type_hints(kind)
     return kind(
         **{
-            field.name: _restored(hints[field.name], arrays, _inner(name, field.name), field.metadata)
+            field.name: _restored(
+                hints[field.name], arrays, _inner(name, field.name), NO_HINTS if exact else field.metadata, exact
+            )
             for field in fields(cast(Any, kind))
         }
     )
 
 
-def _restored(kind: Any, arrays: Mapping[str, NDArray[Any]], name: str, hints: Mapping[str, Any]) -> Any:
+def _restored(kind: Any, arrays: Mapping[str, NDArray[Any]], name: str, hints: Mapping[str, Any], exact: bool) -> Any:
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):  # of something and None
         if not any(key == name or key.startswith(f"{name}.") for key in arrays):
             return None
-        return _restored(arguments[0], arrays, name, hints)
+        return _restored(arguments[0], arrays, name, hints, exact)
     if kind is sparse.csr_array:
-        data, indices, indptr, columns = (arrays[f"{name}.{part}"] for part in ROW_PARTS)
-        rows = _cast(indptr, np.int64, name)
-        entries = (_cast(data, np.float64, name), _cast(indices, np.int32, name), rows)
-        return sparse.csr_array(entries, shape=(len(rows) - 1, int(columns)))
+        *entries, columns = (arrays[f"{name}.{part}"] for part in ROW_PARTS)
+        if not exact:
+            entries = [_cast(*some, name) for some in zip(entries, (np.float64, np.int32, np.int64), strict=True)]
+        return sparse.csr_array(tuple(entries), shape=(len(entries[2]) - 1, int(columns)))
     if is_dataclass(kind):
-        return restored(cast(type, kind), arrays, name)
+        return restored(cast(type, kind), arrays, name, exact=exact)
     array = arrays[name]
     if kind is np.ndarray or origin is np.ndarray:
-        return _cast(array, _dtype(kind, array), name)
+        return array if exact else _cast(array, _dtype(kind, array), name)
     if origin is tuple and _is_array(arguments[0]):
         shapes, symmetric = _cast(arrays[f"{name}.shape"], np.int64, name), bool(hints.get("symmetric"))
-        parts = np.split(_cast(array, _dtype(arguments[0], array), name), np.cumsum(shapes.prod(axis=1))[:-1])
+        values = array if exact else _cast(array, _dtype(arguments[0], array), name)
+        parts = np.split(values, np.cumsum(shapes.prod(axis=1))[:-1])
         if symmetric:
             return tuple(symmetric_matrix(part) for part in parts[: len(shapes)])
         return tuple(part.reshape(shape) for part, shape in zip(parts, shapes.tolist(), strict=False))

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
+from mjframes.base.cache import cached
 from mjframes.base.choices import EVEN
 from mjframes.base.errors import Notice, telling_memory
 from mjframes.base.options import taking
+from mjframes.base.packing import packed, restored
 from mjframes.body.adaptive import MOST, default_counts, fewest_frames, sufficiency, sufficient_frames
 from mjframes.body.cost import announce
 from mjframes.body.fields import Fields
@@ -65,16 +67,29 @@ def build(options: BuildOptions) -> SoftBody:
     Notice
         If the build takes more than a minute, and how many frames were taken if nothing says how many.
     """
+    if options.paper is None:
+        assert isinstance(options.volume, Volume)
+        options = replace(options, volume=nearly_rigid_as_rigid(options.volume))
+    silent, progress = replace(options, progress=None), options.progress or (lambda stage: None)
     with threadpool_limits(1, "blas"):  # stages that pay spread themselves over the processors
-        return _built(options)
+        arrays = cached("body", (silent,), lambda: packed(_built(silent, progress), exact=True))
+    body = restored(SoftBody, arrays, exact=True)
+    if options.is_open:
+        assert body.error is not None
+        warnings.warn(sufficiency(len(body.types) - body.held, body.error), Notice, stacklevel=4)
+    if "point" in body.types and not body.held:
+        warnings.warn(
+            "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
+            "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
+            TurnWarning,
+            stacklevel=4,  # beyond telling_memory and taking
+        )
+    return body
 
 
-def _built(options: BuildOptions) -> SoftBody:
-    progress = options.progress or (lambda stage: None)
+def _built(options: BuildOptions, progress: Progress) -> SoftBody:
     volume = _announced(options)
     progress("listing the voxels")
-    if options.paper is None:
-        volume = nearly_rigid_as_rigid(volume)
     grid = voxel_grid(volume)
     metric_grid = evened(grid) if options.metric_of_frames == EVEN else grid
     cores, links = held_cores(grid, supports_of(options.supports))
@@ -91,7 +106,6 @@ def _built(options: BuildOptions) -> SoftBody:
         elastic = _sums(grid, chosen, laws, progress)
     if not cores:
         elastic = _held(elastic, chosen.types)
-        _warn_of_points(chosen.types)
 
     difference: tuple[NDArray[np.float64], ...] = ()
     if _is_consistent(options.mass, chosen.types[len(links) :]):
@@ -172,8 +186,6 @@ def _whole_body(
         chosen, made = fewest_frames(options.error, grid, finite, most, placed, condense)
     elif options.is_open:
         chosen, made = sufficient_frames(grid, finite, default_counts(most), placed, condense)
-        notice = sufficiency(len(chosen.types) - len(links), made.error)
-        warnings.warn(notice, Notice, stacklevel=6)  # beyond build, telling_memory and taking
     else:
         chosen = placed(options.number)
         made = condense(chosen)
@@ -198,16 +210,6 @@ def _held(elastic: _Elastic, types: Sequence[str]) -> _Elastic:
     stiffness = hold_null_modes(elastic.stiffness, elastic.shapes.control, rigid)
     cells = elastic.cells and elastic.cells.stiffened(elastic.stiffness, stiffness)
     return replace(elastic, stiffness=stiffness, cells=cells)
-
-
-def _warn_of_points(types: Sequence[str]) -> None:
-    if "point" in types:
-        warnings.warn(
-            "frame_type has 'point' frames, which cannot turn, and nothing of the body is held: where it tumbles its "
-            "energy may jump and it may stay crumpled; use 'affine' or 'rigid' frames, or hold a piece.",
-            TurnWarning,
-            stacklevel=6,  # beyond build, telling_memory and taking
-        )
 
 
 def _is_consistent(mass: str | None, types: Sequence[str]) -> bool:

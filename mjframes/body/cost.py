@@ -40,7 +40,7 @@ def announce(voxels: int, frames: int, spacing: NDArray[np.floating]) -> None:
             f"the volume has {voxels} voxels: the build takes about {seconds / 60:.0f} min and {_size(needed)}; fewer "
             "voxels, as with --voxels, take less.",
             Notice,
-            stacklevel=7,  # beyond what builds, build, telling_memory and taking
+            stacklevel=9,  # beyond what builds, what keeps that, build, telling_memory and taking
         )
 
 

@@ -22,10 +22,8 @@ from dm_control.composer.observation import observable
 from dm_control.entities.manipulators import kinova
 from numpy.typing import NDArray
 
-from mjframes.base.cache import cached
-from mjframes.base.packing import packed
 from mjframes.body.build import build
-from mjframes.body.soft_body import SoftBody, unpacked
+from mjframes.body.soft_body import SoftBody
 from mjframes.dm import lifting
 from mjframes.dm.lifting import Layout
 from mjframes.dm.registry import FEATURES, TASKS, VISION
@@ -48,9 +46,8 @@ PIXELS = 84  # height and width of pictures, as in dm_control.manipulation
 
 @cache
 def steak() -> SoftBody:
-    """Return the steak of models/steak.npz with three frames; built once, and then read from the cache."""
-    path = Path(__file__).with_name("steak.npz")
-    return unpacked(cached("steak", (path, FRAMES, DAMPING), lambda: packed(build(path, FRAMES, damping=DAMPING))))
+    """Return the steak of models/steak.npz with three frames."""
+    return build(Path(__file__).with_name("steak.npz"), FRAMES, damping=DAMPING)
 
 
 @dataclass(frozen=True, eq=False)

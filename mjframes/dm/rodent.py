@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from mjframes.base.cache import cached
-from mjframes.base.packing import packed
 from mjframes.body.build import build
-from mjframes.body.soft_body import SoftBody, unpacked
+from mjframes.body.soft_body import SoftBody
 from mjframes.frames.supports import Attached
 from mjframes.scene.attach import BranchWarning, attach
 from mjframes.volume.material import Material
@@ -59,17 +57,12 @@ def clothe(spec: mujoco.MjSpec) -> SoftBody:
     data = mujoco.MjData(bare)
     mujoco.mj_forward(bare, data)
     volume = skin_volume(bare, data)
-    held = bones(bare, data, volume)
-    body = unpacked(cached("flesh", (volume, FREE, held, DAMPING), lambda: packed(_flesh(volume, held))))
+    body = build(volume, FREE, supports=bones(bare, data, volume), damping=DAMPING)
     spec.delete(spec.skins[0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BranchWarning)  # legs and spine are different branches
         attach(spec, body, "flesh", contact=False)
     return body
-
-
-def _flesh(volume: Volume, held: list[Attached]) -> SoftBody:
-    return build(volume, FREE, supports=held, damping=DAMPING)
 
 
 def skin_volume(model: mujoco.MjModel, data: mujoco.MjData) -> Volume:

@@ -29,7 +29,7 @@ def nearly_rigid_as_rigid(volume: Volume) -> Volume:
             "taken as rigid; the whole body's stiffness resolves a million times. To let it bend, "
             "choose method='paper'.",
             RigidWarning,
-            stacklevel=3,
+            stacklevel=5,  # beyond build, telling_memory and taking
         )
     rigid = {label: replace(material, is_rigid=True) for label, material in firm.items()}
     return replace(volume, materials={**volume.materials, **rigid}) if firm else volume
