@@ -20,6 +20,12 @@ if not any(os.environ.get(name) for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DI
 
 
 @pytest.fixture
+def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every stage is computed, also what an earlier test has built."""
+    monkeypatch.setenv("MJFRAMES_CACHE", "0")
+
+
+@pytest.fixture
 def warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     """What MuJoCo warns of, instead of writing it to MUJOCO_LOG.TXT."""
     import mujoco

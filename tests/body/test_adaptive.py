@@ -26,7 +26,7 @@ def error_of(body: mf.SoftBody) -> float:
 
 
 @pytest.fixture
-def tried(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def tried(monkeypatch: pytest.MonkeyPatch, uncached: None) -> list[int]:
     """How many frames the bodies have that are condensed, and −1 for each solution of the finite elements."""
     found: list[int] = []
     whole_body, finite_elements = stages.whole_body, stages.finite_elements

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from builders.leaves import leaves
 from builders.scenes import beam, lump
 from builders.shapes import BONE, SOFT, mixed
+from scipy import sparse
 from threadpoolctl import threadpool_info
 
 import mjframes as mf
@@ -22,6 +24,7 @@ from mjframes.frames.supports import Attached, Fixed
 from mjframes.volume.volume import Volume
 
 
+@pytest.mark.usefixtures("uncached")
 def test_blas_has_one_thread_in_a_build() -> None:
     """Threads of its own wait for each other where others need the processors, and change the last digits."""
     seen: set[int] = set()
@@ -33,6 +36,7 @@ def test_blas_has_one_thread_in_a_build() -> None:
     assert seen == {1}
 
 
+@pytest.mark.usefixtures("uncached")
 def test_stages_are_reported_in_order() -> None:
     stages: list[str] = []
     build(mixed(), 2, progress=stages.append)
@@ -42,6 +46,51 @@ def test_stages_are_reported_in_order() -> None:
     parts = [stage.split(": ")[1] for stage in stages if stage.startswith("condensing the whole body:")]
     assert parts[-1] == "100%"
     assert len(parts) > 1
+
+
+def test_what_was_built_before_is_read_to_the_last_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And told of again, whatever the options are; another option is another body."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    some: dict[str, Any] = {
+        "weights": mf.Voronoi(2),
+        "supports": Attached("link", mixed().side("-x")),
+        "damping": (0, 0.01),
+    }
+    stages: list[str] = []
+    every: list[dict[str, Any]] = [{"frame_type": "point"}, {"method": mf.Paper(3), "law": "neo_hookean"}, some]
+    for options in every:
+        found, told = [], []
+        for _ in range(2):
+            stages.clear()
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                found.append(build(mixed(), progress=stages.append, **options))
+            told.append([(some.category, str(some.message), some.filename) for some in caught])
+        assert not stages
+        assert told[0] == told[1]
+        assert all(file == __file__ for _, _, file in told[0])
+        assert [words for _, words, _ in told[0] if "frames" in words] or "method" in options
+        same(*found)
+    build(mixed(), progress=stages.append, **(some | {"damping": (0, 0.02)}))
+    assert stages
+
+
+def same(one: Any, other: Any) -> None:
+    """Assert that two values are alike, field by field, in the types of their arrays as well."""
+    if is_dataclass(one):
+        for some in fields(one):
+            same(getattr(one, some.name), getattr(other, some.name))
+    elif isinstance(one, sparse.csr_array):
+        same((one.data, one.indices, one.indptr, one.shape), (other.data, other.indices, other.indptr, other.shape))
+    elif isinstance(one, (tuple, list)):
+        assert len(one) == len(other)
+        for pair in zip(one, other, strict=True):
+            same(*pair)
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+    else:
+        assert one == other
 
 
 @pytest.mark.parametrize("make", [lump, beam])

@@ -16,6 +16,8 @@ from mjframes.cli.commands import main
 
 FLESH = mf.Material(2e4, 0.45, 1000)
 
+pytestmark = pytest.mark.usefixtures("uncached")  # what is kept needs no memory
+
 
 def block() -> mf.Volume:
     return mf.Volume.from_labels(np.ones((20, 10, 10), int), 0.001, {1: FLESH})
@@ -65,7 +67,6 @@ def test_the_command_line_announces_it_before_and_refuses_in_one_sentence(
 
 
 def test_a_grid_that_memory_will_not_hold_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MJFRAMES_CACHE", "0")  # what is kept needs no memory
     monkeypatch.setattr("mjframes.volume.spacing.available_memory", lambda: 1e6)
     ball = trimesh.creation.icosphere(radius=0.05)
     with pytest.raises(
