@@ -71,7 +71,7 @@ def test_what_was_built_before_is_read_to_the_last_bit(tmp_path: Path, monkeypat
         assert all(file == __file__ for _, _, file in told[0])
         assert [words for _, words, _ in told[0] if "frames" in words] or "method" in options
         same(*found)
-    build(mixed(), progress=stages.append, **(some | {"damping": (0, 0.02)}))
+    build(mixed(), progress=stages.append, **dict(some, damping=(0, 0.02)))
     assert stages
 
 
