@@ -17,6 +17,8 @@
 namespace mjframes {
 namespace {
 
+constexpr double kFlatPoints = 1e-12;  // [-] of what det C is for points that are spread evenly
+
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
 SoftSide SideOf(const mjModel* m, const mjData* d, int geom) {
@@ -100,6 +102,8 @@ double RigidEntry(const mjModel* m, const mjData* d, int body, const Vec3& posit
 struct Sides {
   const Kinematics* kinematics[2];  // null for other geoms
   const std::vector<Moments>* moments[2];
+  const double* shifts[2];  // Σ r · ∇N_j at and below the movers, null where r is nothing
+  const Vec3* slopes[2];    // Σ ∇N_j, null where rows turn nothing
 };
 
 // What the row measures on side s for a unit rate of degree of freedom `dof`.
@@ -115,13 +119,21 @@ double SideEntry(const mjModel* m, const mjData* d, const mjContact& contact, co
          RigidEntry(m, d, body, position, {{}, measure.about}, dof);
 }
 
-// The same where movers only slide along the soft body's axes, and so move nothing else: ± Σ ω at and below each, times
-// the direction in these axes. columns: of a sparse row, null for a dense one; of a mover all three are there, or none.
-void WriteSlides(const std::vector<Mover>& movers, const Moments* moments, const Vec3& local, double sign,
-                 const int* columns, int entries, double* row) {
+// What a row measures of a soft body whose movers only slide along its axes, all in these axes.
+struct SlideMeasure {
+  Vec3 along, across, about;  // translation, what of it is not along the normal, rotation
+  const Moments* moments;
+  const double* shifts;  // see Sides
+  const Vec3* slopes;
+};
+
+// Its entries, which move nothing else. columns: of a sparse row, null for a dense one; of a mover all three are there,
+// or none.
+void WriteSlides(const std::vector<Mover>& movers, const SlideMeasure& measure, double sign, const int* columns,
+                 int entries, double* row) {
   int entry = 0;
-  for (const Mover& mover : movers) {
-    const double weight = (moments++)->weight;
+  for (size_t n = 0; n < movers.size(); n++) {
+    const Mover& mover = movers[n];
     if (columns) {
       while (entry < entries && columns[entry] < mover.dof) entry++;
       if (entry == entries) return;
@@ -129,7 +141,10 @@ void WriteSlides(const std::vector<Mover>& movers, const Moments* moments, const
     } else {
       entry = mover.dof;
     }
-    for (int a = 0; a < 3; a++) row[entry + a] = sign * (weight * local[a]);
+    Vec3 own = measure.moments[n].weight * measure.along;
+    if (measure.shifts) own = own + measure.shifts[n] * measure.across;
+    if (measure.slopes) own = own + 0.5 * Cross(measure.about, measure.slopes[n]);
+    for (int a = 0; a < 3; a++) row[entry + a] = sign * own[a];
   }
 }
 
@@ -149,7 +164,15 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   const double sign = s == 1 ? 1 : -1;
   const int entries = sparse ? d->efc_J_rownnz[i] : m->nv;
   if (!kinematics.turning()) {
-    return WriteSlides(kinematics.movers(), sides.moments[s]->data(), local[s], sign, columns, entries, row);
+    const Vec3 normal = ToVec3(contact.frame), across = measure.along - Dot(measure.along, normal) * normal;
+    const bool turns = Dot(measure.about, measure.about) > 0;
+    const SlideMeasure slides = {local[s],
+                                 kinematics.ToLocal(d, across),
+                                 kinematics.ToLocal(d, measure.about),
+                                 sides.moments[s]->data(),
+                                 sides.shifts[s],
+                                 turns ? sides.slopes[s] : nullptr};
+    return WriteSlides(kinematics.movers(), slides, sign, columns, entries, row);
   }
   const bool flex = contact.geom[1 - s] < 0;
   const int own = m->geom_bodyid[contact.geom[s]], other = flex ? own : m->geom_bodyid[contact.geom[1 - s]];
@@ -174,20 +197,85 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   }
 }
 
+// The affine motion that fits those of the control points best: ∇N_j = c_j C⁻¹ (x_j − x̄), in the soft body's axes.
+struct AffineFit {
+  Vec3 middle;
+  Mat3 inverse;
+};
+
+// False where the points lie in a plane.  omega: of each point, Σ_j ω_j = 1.
+bool FitAffine(const std::vector<Vec3>& x, const double* omega, AffineFit* fit) {
+  double total = 0;
+  Vec3 sum{};
+  for (size_t j = 0; j < x.size(); j++) {
+    total += std::abs(omega[j]);
+    sum = sum + std::abs(omega[j]) * x[j];
+  }
+  if (!(total > 0)) return false;
+  fit->middle = (1 / total) * sum;
+  Mat3 C{};
+  for (size_t j = 0; j < x.size(); j++) {
+    if (omega[j] == 0) continue;
+    const Vec3 from = x[j] - fit->middle, scaled = std::abs(omega[j]) * from;
+    for (int a = 0; a < 3; a++) {
+      for (int b = 0; b <= a; b++) C[3 * a + b] += scaled[a] * from[b];
+    }
+  }
+  C = {C[0], C[3], C[6], C[3], C[4], C[7], C[6], C[7], C[8]};
+  const double size = (C[0] + C[4] + C[8]) / 3;
+  if (!(Det(C) > kFlatPoints * size * size * size)) return false;
+  fit->inverse = Inverse(C);
+  return true;
+}
+
+// Σ of value(j) over the points at and below each mover.
+template <typename T, typename Value>
+void SumToMovers(const Kinematics& kinematics, const double* omega, const Value& value, T* sums) {
+  const std::vector<ControlPoint>& points = kinematics.points();
+  const std::vector<Mover>& movers = kinematics.movers();
+  std::fill_n(sums, movers.size(), T{});
+  for (size_t j = 0; j < points.size(); j++) {
+    const int mover = points[j].mover;
+    if (mover >= 0 && omega[j] != 0) sums[mover] = sums[mover] + value(j);
+  }
+  for (size_t n = movers.size(); n-- > 0;) {
+    if (const int parent = movers[n].parent; parent >= 0) sums[parent] = sums[parent] + sums[n];
+  }
+}
+
 // add(s, weight): adds the weights of the control points in the touching point of side s.
 template <typename Add>
 void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const SoftSide side[2],
                   ContactScratch* scratch, const Add& add) {
-  const Vec3 position = ToVec3(contact.pos);
   Sides sides = {};
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;
     const Kinematics& kinematics = side[s].body->kinematics();
-    std::fill_n(scratch->omega.begin(), kinematics.points().size(), 0.0);
-    add(s, scratch->omega.data());
-    kinematics.PointMoments(scratch->omega.data(), kinematics.PositionToLocal(d, position), &scratch->moments[s]);
+    const std::vector<Vec3>& x = kinematics.x();
+    const Vec3 position = kinematics.PositionToLocal(d, ToVec3(contact.pos));
+    double* omega = scratch->omega.data();
+    std::fill_n(omega, x.size(), 0.0);
+    add(s, omega);
+    kinematics.PointMoments(omega, position, &scratch->moments[s]);
     sides.kinematics[s] = &kinematics;
     sides.moments[s] = &scratch->moments[s];
+    const bool shifted = contact.dim > 1 && !side[1 - s].body, turned = contact.dim > 3;
+    AffineFit fit;
+    if (kinematics.turning() || !(shifted || turned) || !FitAffine(x, omega, &fit)) continue;
+    const auto from = [&](size_t j) { return std::abs(omega[j]) * (x[j] - fit.middle); };
+    if (shifted) {
+      Vec3 lever = position;
+      for (size_t j = 0; j < x.size(); j++) lever = lever - omega[j] * x[j];
+      const Vec3 along = Mul(fit.inverse, lever);
+      double* shifts = scratch->shifts[s].data();
+      SumToMovers(kinematics, omega, [&](size_t j) { return Dot(along, from(j)); }, shifts);
+      sides.shifts[s] = shifts;
+    }
+    if (turned) {
+      Vec3* slopes = scratch->slopes[s].data();
+      SumToMovers(kinematics, omega, [&](size_t j) { return Mul(fit.inverse, from(j)); }, slopes);
+      sides.slopes[s] = slopes;
+    }
   }
   for (int s = 0; s < 2; s++) {
     for (int r = 0; sides.kinematics[s] && r < RowCount(m, contact); r++) WriteRow(m, d, contact, sides, s, r);
@@ -223,6 +311,8 @@ void WriteForeignContact(const mjModel* m, mjData* d, const mjContact& contact, 
 ContactScratch::ContactScratch(const mjModel* m)
     : omega(kMaxCarried * m->nbody),
       moments{std::vector<Moments>(m->nv), std::vector<Moments>(m->nv)},
+      shifts{std::vector<double>(m->nv), std::vector<double>(m->nv)},
+      slopes{std::vector<Vec3>(m->nv), std::vector<Vec3>(m->nv)},
       last(m->nplugin) {}
 
 void InstallCollisionHook() {

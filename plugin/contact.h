@@ -5,6 +5,15 @@
 // instead makes a resting body flip between choices for ever. A contact row along t reads tᵀ Σ_j ω_j J_j with ω_j = Σ_s
 // a_s W_j(s) over the degrees of freedom of the soft body: equation (11). Where vertices do not reach, features of
 // geoms and other soft bodies do (touch.h).
+//
+// Control points that slide do not turn, but the material between them does. Its motion at a contact is the affine one
+// that fits their velocities best, each weighted with c_j = |ω_j|:
+//
+//   ∇N_j = c_j C⁻¹ (x_j − x̄),   C = Σ_j c_j (x_j − x̄)(x_j − x̄)ᵀ,   x̄ = Σ_j c_j x_j / Σ_j c_j
+//
+// A row of torsional or rolling friction about a reads half of its curl, Σ_j ½ (a × ∇N_j) J_j. Beside a rigid body,
+// friction acts half way between the surfaces, at r from the point: its rows have ω_j + r · ∇N_j, or it would make a
+// torque. As Σ_j x_j ∇N_jᵀ = 1, both keep the angular momentum.
 
 #ifndef MJFRAMES_PLUGIN_CONTACT_H_
 #define MJFRAMES_PLUGIN_CONTACT_H_
@@ -26,6 +35,8 @@ struct ContactScratch {
   explicit ContactScratch(const mjModel* m);
   std::vector<double> omega;                    // ω of each control point
   std::array<std::vector<Moments>, 2> moments;  // by side: of the movers         (≤ nv)
+  std::array<std::vector<double>, 2> shifts;    // Σ r · ∇N at and below them     (≤ nv)
+  std::array<std::vector<Vec3>, 2> slopes;      // Σ ∇N there                     (≤ nv) [1/m]
   std::vector<int> last;                        // contact of each plugin instance
 };
 

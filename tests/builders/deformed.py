@@ -97,3 +97,10 @@ class Deformed:
         """W_j (k,) of the material point at p (3,) in the world."""
         nodes, share = self._cell(self.find(p))
         return share @ self.weights_of_nodes[nodes]
+
+
+def fitted_slopes(weight: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """∇N_j (k, 3) of the affine motion that fits those of points x (k, 3) best, each by the size of its weight (k,)."""
+    share = np.where(np.abs(weight) > 1e-9, np.abs(weight), 0)
+    from_middle = x - share @ x / share.sum()
+    return share[:, None] * from_middle @ np.linalg.inv(from_middle.T * share @ from_middle)

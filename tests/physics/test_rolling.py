@@ -5,11 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from builders.scenes import compiled
+from builders.scenes import FLOOR, compiled
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.states import move_points
 from mjframes.body.build import build
+from mjframes.scene.contact import Contact
 from mjframes.scene.view import soft
 from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
@@ -50,6 +51,17 @@ def test_a_ball_rolls_down_a_slope_as_a_rigid_one(
     way, off = rolled(radius, spacing, young, frames, timestep)
     assert 0.85 < way < 1.02
     assert off < 0.12  # at up to 125 rad/s it hops a little, as its surface is that of voxels
+
+
+@pytest.mark.parametrize(("friction", "least", "most"), [(0.0001, 10, 100), (0.005, 0, 5)])
+def test_rolling_friction_keeps_a_ball_where_it_was_set_down(friction: float, least: float, most: float) -> None:
+    """In millimetres. Its rows did nothing before they felt the material turn."""
+    ball = build(Volume.sphere(0.02, Material(2e5, 0.45, 500), spacing=0.002), 4)
+    contact = Contact(condim=6, friction=(1, 0.005, friction))
+    model, data = compiled(FLOOR, (ball, (0, 0, 0.0201), UPRIGHT), contact=contact)
+    mujoco.mj_step(model, data, nstep=1000)
+    away = 1e3 * np.linalg.norm(data.subtree_com[model.body_rootid[-1], :2])
+    assert least < away < most
 
 
 def test_a_round_side_touches_as_soon_as_it_is_there() -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import pytest
-from builders.deformed import Deformed
+from builders.deformed import Deformed, fitted_slopes
 from builders.scenes import (
     TILTED,
     beam,
@@ -388,6 +388,18 @@ def relative_motion(
     spins = np.zeros((2, 3, model.nv))
     mujoco.mj_jacBody(model, data, None, spins[0], owner)
     mujoco.mj_jacBody(model, data, None, spins[1], obstacle)
+    joints = model.jnt_type[np.isin(model.jnt_bodyid, view.bodies)]
+    if (
+        contact.dim > 1 and (joints == mujoco.mjtJoint.mjJNT_SLIDE).all()
+    ):  # what only slides does not turn, material does
+        x, point = view.control_positions, np.zeros((3, model.nv))
+        slopes, lever = fitted_slopes(touch.weight, x), contact.pos - touch.weight @ x
+        own = np.isin(model.dof_bodyid, view.bodies)  # a link that holds them turns them as it is
+        across = np.eye(3) - np.outer(contact.frame[:3], contact.frame[:3])
+        for slope, body, place in zip(slopes, view.bodies, x, strict=True):
+            mujoco.mj_jac(model, data, point, None, place, int(body))
+            spins[0] += 0.5 * np.cross(slope, point, axisb=0, axisc=0) * own
+            slip += (slope @ lever) * across @ point * own
     return slip, spins[0] - spins[1]
 
 

@@ -7,7 +7,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from builders.deformed import Deformed
+from builders.deformed import Deformed, fitted_slopes
 from builders.scenes import (
     FLOOR,
     TILTED,
@@ -112,7 +112,12 @@ def test_rows_are_the_relative_velocity_of_the_two_material_points(cone: str, ja
                 row = normal
             np.testing.assert_allclose(row, wanted, atol=1e-8)
         if condim > 3 and cone == "elliptic":
-            np.testing.assert_array_equal(rows[start + 3 : start + condim], 0)  # control points do not turn
+            spin = np.zeros((3, model.nv))
+            for side, view in enumerate(views):
+                slopes = fitted_slopes(weight[side], view.control_positions)
+                for slope, point in zip(slopes, jacobians[side], strict=True):
+                    spin += (0.5 if side else -0.5) * np.cross(slope, point, axisb=0, axisc=0)
+            np.testing.assert_allclose(rows[start + 3 : start + condim], (frame @ spin)[: condim - 3], atol=1e-8)
         # one of the two is where the other body's deformed lattice has that point
         for side, view in enumerate(views):
             owner = int(model.geom_bodyid[contact.geom[side]])
@@ -121,12 +126,14 @@ def test_rows_are_the_relative_velocity_of_the_two_material_points(cone: str, ja
     assert explained >= data.ncon
 
 
-def test_a_collision_in_free_flight_makes_no_momentum() -> None:
+@pytest.mark.parametrize("condim", [3, 6])
+def test_a_collision_in_free_flight_makes_no_momentum(condim: int) -> None:
     model, data = compiled(
         WEIGHTLESS.format("pyramidal", "dense"),
         (block((6, 6, 6), 0.01, 1000), (0, 0, 0), (1, 0, 0, 0)),
         (block((6, 6, 6), 0.01, 300), (-0.02, 0.02, 0.09), TILTED),
         timestep=0.002,
+        contact=Contact(condim=condim, friction=(1, 0.02, 0.01)),
     )
     mujoco.mj_forward(model, data)
     set_speeds(model, data, "soft0", np.array([0.05, 0, 0.3]), np.array([1.0, 0.5, -0.4]))
@@ -141,6 +148,31 @@ def test_a_collision_in_free_flight_makes_no_momentum() -> None:
     assert touched >= 2
     x = [soft(model, data, name).control_positions.mean(axis=0) for name in soft_names(model)]
     assert np.linalg.norm(x[1] - x[0]) > 0.08  # they bounced off each other
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_torsional_friction_turns_what_it_brakes(cone: str) -> None:
+    """A rigid ball that spins on a soft block hands its angular momentum over. Points that slide did not feel it."""
+    spinning = f'''<mujoco><option gravity="0 0 0" cone="{cone}"/><worldbody><body name="ball" pos="0 0 .0505">
+      <freejoint/><geom type="sphere" size=".02" mass=".05" friction="1 .02 .001" condim="6"/></body>
+      </worldbody></mujoco>'''
+    model, data = compiled(spinning, (block((6, 6, 6), 0.01, 1000), (0, 0, 0), (1, 0, 0, 0)), timestep=0.001)
+    ball = slice(int(model.body("ball").dofadr[0]), int(model.body("ball").dofadr[0]) + 6)
+    data.qvel[ball] = 0, 0, -0.3, 0, 0, 30
+
+    def momentum() -> np.ndarray:
+        mujoco.mj_forward(model, data)
+        velocity, spin = data.qvel[ball][:3], data.body("ball").xmat.reshape(3, 3) @ data.qvel[ball][3:]
+        own = 0.05 * velocity, 0.4 * 0.05 * 0.02**2 * spin + 0.05 * np.cross(data.body("ball").xpos, velocity)
+        return momenta(model, data) + np.concatenate(own)
+
+    before, view = momentum(), soft(model, data, "soft0")
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+        np.testing.assert_allclose(momentum(), before, atol=1e-12)
+    assert data.ncon == 0
+    assert data.qvel[ball][2] > -0.05  # the block goes down faster
+    assert 0.05 * before[5] < view.angular_momentum[2] < before[5]
 
 
 @pytest.mark.parametrize(
