@@ -562,6 +562,45 @@ MJFRAMES_INLINE bool Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   return true;
 }
 
+// Adds the cells' V_q E_qᵀ (P_q + H_q E_q (ẑ − z)) to the product's first column, with P_q and H_q of the places z in
+// `before`, whose H_q AddCells has found. A law at ẑ would bend thin plates: what its stress at a stretch differs from
+// that is little there, but much to bending, and the stretch of a turn is to go.
+template <typename V>
+MJFRAMES_INLINE void AddCellsAhead(const Half<V>& half, BatchScratch* scratch) {
+  const RegionBatch& batch = half.batch;
+  for (int q = 0; q < batch.cells; q++) {
+    const size_t first = 27 * static_cast<size_t>(q) * batch.size;
+    const double* slope = batch.slope.data() + kWideLanes * first;
+    V F[9], P[9], load[9] = {};
+    for (int e = 0; e < 9; e++) F[e] = Fill<V>(kIdentity[e]);
+    for (int j = 0; j < half.size; j++) {
+      const Columns<V> of(half, scratch->z.data(), j);
+      V moved[3], y[3];
+      for (int s = 0; s < 3; s++) {
+        moved[s] = of.z[s] - half.Of(scratch->before.data(), 3 * j + s);
+        y[s] = of.y[s] - moved[s];
+      }
+      for (int e = 0; e < 9; e++) {
+        for (int s = 0; s < 3; s++) {
+          const size_t entry = 27 * static_cast<size_t>(j) + 3 * e + s;
+          F[e] += half.Of(slope, entry) * y[s];
+          load[e] += half.Of(scratch->curved.data(), first + entry) * moved[s];
+        }
+      }
+    }
+    const Invariants<V> is = InvariantsOf(F);
+    FirstPiola(F, is, SlopesOf(batch.law, half.moduli.material.data() + kWideLanes * q + half.first, is), P);
+    for (int e = 0; e < 9; e++) load[e] += half.Of(batch.volume.data(), q) * P[e];
+    for (int j = 0; j < half.size; j++) {
+      for (int s = 0; s < 3; s++) {
+        V sum = half.Of(scratch->product.data(), 12 * j + s);
+        for (int e = 0; e < 9; e++) sum += half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s) * load[e];
+        half.Put(sum, scratch->product.data(), 12 * j + s);
+      }
+    }
+  }
+}
+
 // force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are.
 template <typename V>
 MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R, const Vec3* ahead,
@@ -572,7 +611,7 @@ MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R,
     PressedRegions<V> pressed = FindPressed(half, *scratch);
     AddPressed(half, false, &pressed, scratch);
   }
-  if (half.batch.cells) AddCells(half, false, scratch);
+  AddCellsAhead(half, scratch);
   for (int j = 0; j < half.size; j++) {
     V z[3], w[3], moment[3];
     for (int r = 0; r < 3; r++) {
@@ -610,7 +649,7 @@ MJFRAMES_INLINE void AddBatchOf(const RegionBatch& batch, const RegionBatch::Mod
       if (wanted.rotation) wanted.rotation[batch.region[first + lane]] = LaneOf(R, lane);
     }
     if (!wanted.force) continue;
-    if (batch.cells) AddCells(half, wanted.stiffness != nullptr, scratch);
+    if (batch.cells) AddCells(half, wanted.stiffness || wanted.ahead, scratch);
     if (pressed) AddPressed(half, wanted.stiffness || wanted.ahead, &*pressed, scratch);
     Twist(half, *scratch, twist);
     InvertTwist(twist, inverse);
