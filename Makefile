@@ -1,6 +1,6 @@
 # Every target starts from a bare machine: Python 3.11 or newer with venv, a C++ compiler, make.
 #   make demo          the steak: out/steak.mp4, out/steak.png, out/steak.mcap
-#   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 15 minutes on two cores
+#   make test          the tests that are not slow, on the MuJoCo that dm_control supports, in 11 minutes on two cores
 #   make test-all      all tests there, in 40 minutes
 #   make test-mujoco4  the tests of the plugin, of scenes and of programs that are not slow, on MuJoCo 4
 #   make bench         time of steps beside bodies alone and MuJoCo's flex, and of the precomputation, in 17 minutes or more

@@ -37,6 +37,7 @@ def test_soft_bodies_that_start_in_the_same_place_are_told_of(along: float, coll
     ]
 
 
+@pytest.mark.slow
 def test_surfaces_share_what_both_enclose() -> None:
     box = trimesh.creation.box((2, 2, 2))
     ball = trimesh.creation.icosphere(4, 1.0)

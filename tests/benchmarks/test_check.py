@@ -139,6 +139,7 @@ def test_rigid_frames_return_without_a_gain(kind: str) -> None:
             assert some.gain < 1.001, some
 
 
+@pytest.mark.slow
 def test_soft_rigid_frames_that_spin_up_gain_nothing_with_implicit() -> None:
     spun, returns = (
         run(Case(BY_NAME[kind], 1e3, 2e-3, "stretched 10×")) for kind in ("rigid frames", "rigid frames, implicit")

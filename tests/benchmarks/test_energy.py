@@ -150,7 +150,7 @@ def test_a_stout_bar_returns_from_every_start(start: str) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 1, 5], ids=["tray", "bracket", "tree"])
-@pytest.mark.parametrize("start", ["to a plane", "inside out"])
+@pytest.mark.parametrize("start", ["to a plane", pytest.param("inside out", marks=pytest.mark.slow)])
 def test_thin_and_branching_bodies_return(number: int, start: str) -> None:
     # without the pairs' energy 0.28, 0.27 and 0.37 of their sizes were left
     some = drawn_body(number)
@@ -220,7 +220,9 @@ def helix(law: str) -> World:
     return world(replace(HELIX, law=law).build())
 
 
-@pytest.mark.parametrize("law", list(bodies.LAWS))
+@pytest.mark.parametrize(
+    "law", [pytest.param(law, marks=[] if law == "neo_hookean" else [pytest.mark.slow]) for law in bodies.LAWS]
+)
 @pytest.mark.parametrize(("timestep", "run_number"), [(2e-3, 501), (5e-3, 500)])
 def test_hyperelastic_parts_that_turn_fast_make_no_energy(law: str, timestep: float, run_number: int) -> None:
     # of neo-Hooke's law 0.24 and 6.4 without corrections
@@ -250,7 +252,7 @@ def test_a_crushed_round_side_does_not_roll_away() -> None:
     assert gain.worst < motions.LIMIT, gain
 
 
-@pytest.mark.parametrize(("number", "run_number"), [(3, 1), (31, 0)])
+@pytest.mark.parametrize(("number", "run_number"), [(3, 1), pytest.param(31, 0, marks=pytest.mark.slow)])
 def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) -> None:
     # a tine whose side has a radius above its length was thrown off as if it rolled on that: 0.5 and 2.8 of the fall
     seed = drawn_subject(number).seed
@@ -258,7 +260,9 @@ def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) ->
     assert gain.worst < motions.LIMIT, gain
 
 
-@pytest.mark.parametrize("cone", [mujoco.mjtCone.mjCONE_PYRAMIDAL, mujoco.mjtCone.mjCONE_ELLIPTIC])
+@pytest.mark.parametrize(
+    "cone", [mujoco.mjtCone.mjCONE_PYRAMIDAL, pytest.param(mujoco.mjtCone.mjCONE_ELLIPTIC, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(("number", "run_number"), [(10, 2), (24, 0), (15, 0)], ids=["box", "softer box", "bracket"])
 def test_dents_give_back_no_more_than_they_took(
     number: int, run_number: int, cone: mujoco.mjtCone, monkeypatch: pytest.MonkeyPatch
@@ -298,7 +302,11 @@ def test_the_lowest_rate_is_that_of_the_stiffness() -> None:
     assert recovery.lowest_rate(made(young=2e7)) == pytest.approx(10 * recovery.lowest_rate(made()), rel=1e-3)
 
 
-@pytest.mark.parametrize("number", [16, 30, 25], ids=["stiff neck", "neck", "soft star"])
+@pytest.mark.parametrize(
+    "number",
+    [16, pytest.param(30, marks=pytest.mark.slow), pytest.param(25, marks=pytest.mark.slow)],
+    ids=["stiff neck", "neck", "soft star"],
+)
 def test_what_stands_on_narrow_ends_comes_to_rest(number: int) -> None:
     # necks touched once their vertices did, 0.3 mm too late; a quadric over a leg as thin as wide was 2 mm off
     seed = drawn_subject(number).seed

@@ -16,6 +16,7 @@ from mjframes.cli.commands import exit_code
 from mjframes.volume.volume import Volume
 
 
+@pytest.mark.slow
 def test_a_mesh_fills_a_grid_of_so_many_cells(tmp_path: Path) -> None:
     job = Job(ring_file(str(tmp_path)), 400_000, 2)
     (measured,) = measure([job], repeats=1)

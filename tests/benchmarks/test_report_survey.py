@@ -84,6 +84,7 @@ def test_the_consistent_mass_is_all_of_it() -> None:
     assert along @ mass @ along == pytest.approx(np.sum(body.grid.density) * body.grid.cell_volume, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_finite_elements_bend_and_swing_a_beam_as_euler_and_bernoulli_say() -> None:
     body = beam(0.3)
     known = exact_solution(body)

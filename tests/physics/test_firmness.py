@@ -150,7 +150,9 @@ def plate_on_a_wide_pad(frames: int, law: str, force: float) -> float:
     return float(data.joint("down").qpos[0])
 
 
-@pytest.mark.parametrize(("frames", "force"), [(3, 100), (3, 150), (5, 100), (11, 100)])
+@pytest.mark.parametrize(
+    ("frames", "force"), [(3, 100), (3, 150), (5, 100), pytest.param(11, 100, marks=pytest.mark.slow)]
+)
 def test_a_pad_bears_half_of_its_modulus(frames: int, force: float) -> None:
     """At 100 N (28 kPa) the plate went through 5 frames or more, where Hooke's law got no stiffer."""
     hooke, neo = (plate_on_a_wide_pad(frames, law, force) for law in ("corotational", "neo_hookean"))

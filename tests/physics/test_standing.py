@@ -64,7 +64,7 @@ def test_a_block_that_falls_flat_stays_near() -> None:
     assert np.abs(data.qvel).max() < 1e-5
 
 
-@pytest.mark.parametrize(("count", "young"), [(3, 5e4), (3, 1e7), (5, 1e6)])
+@pytest.mark.parametrize(("count", "young"), [(3, 5e4), (3, 1e7), pytest.param(5, 1e6, marks=pytest.mark.slow)])
 def test_aligned_blocks_stand(count: int, young: float) -> None:
     body = block((8, 6, 4), 0.01, young, 3)
     placed = ((body, (0, 0, 0.0402 * i + 2e-4), UPRIGHT) for i in range(count))

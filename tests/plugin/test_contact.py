@@ -120,7 +120,11 @@ OBSTACLES = {
 HEIGHT_FIELDS = mujoco.mj_version() < 4_000_000
 
 
-@pytest.fixture(params=OBSTACLES, ids=str)
+@pytest.fixture(
+    params=[
+        pytest.param(kind, marks=[pytest.mark.slow] if kind == "height field" else [], id=kind) for kind in OBSTACLES
+    ]
+)
 def obstacle(request: pytest.FixtureRequest) -> Obstacle:
     if request.param == "height field" and not HEIGHT_FIELDS:
         pytest.skip("this MuJoCo gives SDF geoms no contact with height fields")

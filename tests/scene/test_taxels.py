@@ -170,7 +170,7 @@ def test_something_that_turns_twists_the_shear() -> None:
     assert torque == pytest.approx(contacts, rel=0.1)
 
 
-@pytest.mark.parametrize(("shape", "taxel"), [("ball", 0.0025), ("box", 0.005)])
+@pytest.mark.parametrize(("shape", "taxel"), [pytest.param("ball", 0.0025, marks=pytest.mark.slow), ("box", 0.005)])
 def test_a_part_of_a_map_feels_what_the_whole_feels_there(shape: str, taxel: float) -> None:
     def pressures(rows: int, columns: int, towards_x: float = 0, size: float = taxel) -> NDArray[np.float64]:
         own = grid(size, (rows, columns), (TOP[0] + towards_x, *TOP[1:]))

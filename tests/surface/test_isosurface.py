@@ -254,6 +254,7 @@ np.save(sys.argv[2], np.concatenate([surface.vertices, surface.vertex_normals, p
 """
 
 
+@pytest.mark.slow
 def test_contact_points_do_not_depend_on_the_processor(tmp_path: Path) -> None:
     steak = Path(__file__).parents[2] / "models" / "steak.npz"
     vectors = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
