@@ -45,40 +45,47 @@ SoftBody* SoftOf(const mjModel* m, const mjData* d, int dof) {
   return GetSoftBody(d, m->body_plugin[m->dof_bodyid[dof]]);
 }
 
-double RowEntry(const mjModel* m, const mjData* d, int i, int dof) {
+double JacobianEntry(const mjModel* m, const mjData* d, int i, int dof) {
   if (!mj_isSparse(m)) return d->efc_J[i * m->nv + dof];
   const int *begin = d->efc_J_colind + d->efc_J_rowadr[i], *end = begin + d->efc_J_rownnz[i];
   const int* at = std::lower_bound(begin, end, dof);
   return at != end && *at == dof ? d->efc_J[d->efc_J_rowadr[i] + (at - begin)] : 0;
 }
 
-// Σ_j |g_j| of row i. The slides of a mover feel what its own points and those of the movers below are pushed by.
-double SumOfPushes(const mjModel* m, const mjData* d, const std::vector<Mover>& movers, int i, Vec3* push) {
-  for (size_t n = 0; n < movers.size(); n++) {
-    push[n] = {};
-    for (int dof = movers[n].dof; dof < movers[n].dof + 3; dof++) {
-      push[n] = push[n] + RowEntry(m, d, i, dof) * ToVec3(d->xaxis + 3 * m->dof_jntid[dof]);
-    }
-    if (movers[n].parent >= 0) push[movers[n].parent] = push[movers[n].parent] - push[n];
-  }
+// Σ_j |g_j| of row i. A body's slides feel what its own points and those on slides below are pushed by; a link between
+// has none. push: of each mover.
+double SumOfPushes(const mjModel* m, const mjData* d, const SoftBody& soft, int i, Vec3* push) {
+  const std::vector<Mover>& movers = soft.kinematics().movers();
+  const auto slides = [&](int n) { return m->body_plugin[movers[n].body] == soft.instance(); };
+  const int count = static_cast<int>(movers.size());
   double sum = 0;
-  for (size_t n = 0; n < movers.size(); n++) sum += Norm(push[n]);
+  for (int n = 0; n < count; n++) {
+    push[n] = {};
+    if (!slides(n)) continue;
+    for (int dof = movers[n].dof; dof < movers[n].dof + 3; dof++) {
+      push[n] = push[n] + JacobianEntry(m, d, i, dof) * ToVec3(d->xaxis + 3 * m->dof_jntid[dof]);
+    }
+    int above = movers[n].parent;
+    while (above >= 0 && !slides(above)) above = movers[above].parent;
+    if (above >= 0) push[above] = push[above] - push[n];
+  }
+  for (int n = 0; n < count; n++) sum += Norm(push[n]);
   return sum;
 }
 
 // How much more of a soft body the first rows of a group see than a tie is to.
 double Excess(const mjModel* m, mjData* d, const SoftBody& soft, const RowGroup& group, int rows) {
-  const std::vector<Mover>& movers = soft.kinematics().movers();
-  if (!HasRoom(d, 3 * movers.size())) return 0;
+  const size_t movers = soft.kinematics().movers().size();
+  if (!HasRoom(d, 3 * movers)) return 0;
   double seen = 0, most = 0;
   for (int k = 0; k < group.size; k++) {
     if (SoftOf(m, d, group.dof[k]) != &soft) continue;
     for (int r = 0; r < rows; r++) seen += group.y[kLanes * k + r] * group.y[kLanes * k + r];
   }
   MarkStack(d);
-  Vec3* push = static_cast<Vec3*>(mj_stackAllocByte(d, movers.size() * sizeof(Vec3), alignof(Vec3)));
+  Vec3* push = static_cast<Vec3*>(mj_stackAllocByte(d, movers * sizeof(Vec3), alignof(Vec3)));
   for (int r = 0; r < rows; r++) {
-    const double sum = SumOfPushes(m, d, movers, group.row + r, push);
+    const double sum = SumOfPushes(m, d, soft, group.row + r, push);
     most += sum * sum / soft.mass();
   }
   FreeStack(d);
