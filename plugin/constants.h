@@ -137,7 +137,8 @@ inline constexpr double kFlatDistance =
 inline constexpr double kOnSurface = 1e-6;  // [cubes]
 // From a feature to the other side of something thin: a step in cubes, and how many at most.
 inline constexpr double kThroughStep = 0.25, kThroughSteps = 200;
-inline constexpr double kCollapsed = 1e-6;  // [-] of a cube's rest volume: turned inside out or flat
+inline constexpr double kFlatPoints = 1e-12;  // [-] of det C of points that are spread evenly: they lie in a plane
+inline constexpr double kCollapsed = 1e-6;    // [-] of a cube's rest volume: turned inside out or flat
 // [-] by which a distance's gradient differs from 1 in length: with kTrust its direction is the normal, with kNoTrust
 // it is that of an edge. Around something round of three voxels' radius it differs by 0.02, next to an edge by up to
 // 0.41.

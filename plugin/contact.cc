@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "affine_fit.h"
 #include "constants.h"
 #include "impedance.h"
 #include "linear.h"
@@ -16,8 +17,6 @@
 
 namespace mjframes {
 namespace {
-
-constexpr double kFlatPoints = 1e-12;  // [-] of what det C is for points that are spread evenly
 
 std::array<std::array<mjfCollision, mjNGEOMTYPES>, mjNGEOMTYPES> g_original;  // written once, at load
 
@@ -197,52 +196,6 @@ void WriteRow(const mjModel* m, mjData* d, const mjContact& contact, const Sides
   }
 }
 
-// The affine motion that fits those of the control points best: ∇N_j = c_j C⁻¹ (x_j − x̄), in the soft body's axes.
-struct AffineFit {
-  Vec3 middle;
-  Mat3 inverse;
-};
-
-// False where the points lie in a plane.  omega: of each point, Σ_j ω_j = 1.
-bool FitAffine(const std::vector<Vec3>& x, const double* omega, AffineFit* fit) {
-  double total = 0;
-  Vec3 sum{};
-  for (size_t j = 0; j < x.size(); j++) {
-    total += std::abs(omega[j]);
-    sum = sum + std::abs(omega[j]) * x[j];
-  }
-  if (!(total > 0)) return false;
-  fit->middle = (1 / total) * sum;
-  Mat3 C{};
-  for (size_t j = 0; j < x.size(); j++) {
-    if (omega[j] == 0) continue;
-    const Vec3 from = x[j] - fit->middle, scaled = std::abs(omega[j]) * from;
-    for (int a = 0; a < 3; a++) {
-      for (int b = 0; b <= a; b++) C[3 * a + b] += scaled[a] * from[b];
-    }
-  }
-  C = {C[0], C[3], C[6], C[3], C[4], C[7], C[6], C[7], C[8]};
-  const double size = (C[0] + C[4] + C[8]) / 3;
-  if (!(Det(C) > kFlatPoints * size * size * size)) return false;
-  fit->inverse = Inverse(C);
-  return true;
-}
-
-// Σ of value(j) over the points at and below each mover.
-template <typename T, typename Value>
-void SumToMovers(const Kinematics& kinematics, const double* omega, const Value& value, T* sums) {
-  const std::vector<ControlPoint>& points = kinematics.points();
-  const std::vector<Mover>& movers = kinematics.movers();
-  std::fill_n(sums, movers.size(), T{});
-  for (size_t j = 0; j < points.size(); j++) {
-    const int mover = points[j].mover;
-    if (mover >= 0 && omega[j] != 0) sums[mover] = sums[mover] + value(j);
-  }
-  for (size_t n = movers.size(); n-- > 0;) {
-    if (const int parent = movers[n].parent; parent >= 0) sums[parent] = sums[parent] + sums[n];
-  }
-}
-
 // add(s, weight): adds the weights of the control points in the touching point of side s.
 template <typename Add>
 void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const SoftSide side[2],
@@ -251,29 +204,25 @@ void WriteContact(const mjModel* m, mjData* d, const mjContact& contact, const S
   for (int s = 0; s < 2; s++) {
     if (!side[s].body) continue;
     const Kinematics& kinematics = side[s].body->kinematics();
-    const std::vector<Vec3>& x = kinematics.x();
-    const Vec3 position = kinematics.PositionToLocal(d, ToVec3(contact.pos));
     double* omega = scratch->omega.data();
-    std::fill_n(omega, x.size(), 0.0);
+    std::fill_n(omega, kinematics.points().size(), 0.0);
     add(s, omega);
-    kinematics.PointMoments(omega, position, &scratch->moments[s]);
+    const Vec3 lever = kinematics.Lever(omega, kinematics.PositionToLocal(d, ToVec3(contact.pos)));
+    kinematics.PointMoments(omega, lever, &scratch->moments[s]);
     sides.kinematics[s] = &kinematics;
     sides.moments[s] = &scratch->moments[s];
     const bool shifted = contact.dim > 1 && !side[1 - s].body, turned = contact.dim > 3;
     AffineFit fit;
-    if (kinematics.turning() || !(shifted || turned) || !FitAffine(x, omega, &fit)) continue;
-    const auto from = [&](size_t j) { return std::abs(omega[j]) * (x[j] - fit.middle); };
+    if (kinematics.turning() || !(shifted || turned) || !fit.Find(kinematics.x(), omega)) continue;
     if (shifted) {
-      Vec3 lever = position;
-      for (size_t j = 0; j < x.size(); j++) lever = lever - omega[j] * x[j];
-      const Vec3 along = Mul(fit.inverse, lever);
       double* shifts = scratch->shifts[s].data();
-      SumToMovers(kinematics, omega, [&](size_t j) { return Dot(along, from(j)); }, shifts);
+      const Vec3 along = fit.Along(lever);
+      kinematics.SumToMovers(omega, [&](size_t j) { return Dot(along, fit.From(j)); }, shifts);
       sides.shifts[s] = shifts;
     }
     if (turned) {
       Vec3* slopes = scratch->slopes[s].data();
-      SumToMovers(kinematics, omega, [&](size_t j) { return Mul(fit.inverse, from(j)); }, slopes);
+      kinematics.SumToMovers(omega, [&](size_t j) { return fit.Along(fit.From(j)); }, slopes);
       sides.slopes[s] = slopes;
     }
   }

@@ -7,10 +7,7 @@
 // geoms and other soft bodies do (touch.h).
 //
 // Control points that slide do not turn, but the material between them does. Its motion at a contact is the affine one
-// that fits their velocities best, each weighted with c_j = |ω_j|:
-//
-//   ∇N_j = c_j C⁻¹ (x_j − x̄),   C = Σ_j c_j (x_j − x̄)(x_j − x̄)ᵀ,   x̄ = Σ_j c_j x_j / Σ_j c_j
-//
+// that fits theirs best, with slopes ∇N_j (affine_fit.h).
 // A row of torsional or rolling friction about a reads half of its curl, Σ_j ½ (a × ∇N_j) J_j. Beside a rigid body,
 // friction acts half way between the surfaces, at r from the point: its rows have ω_j + r · ∇N_j, or it would make a
 // torque. As Σ_j x_j ∇N_jᵀ = 1, both keep the angular momentum.

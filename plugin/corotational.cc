@@ -192,6 +192,7 @@ BatchScratch::BatchScratch(const std::vector<RegionBatch>& batches) {
   moment.resize(27 * lanes);
   product.resize(12 * lanes);
   follow.resize(18 * lanes);
+  stress.resize(9 * kWideLanes * cells);
   turn.cells.resize((cells + kLanes - 1) / kLanes);
 }
 

@@ -113,6 +113,7 @@ struct BatchScratch {
   std::vector<double> moment;       //                                         (m × 27 × 8)
   std::vector<double> product;      // w = ∂W/∂y and U, column by column       (m × 12 × 8)
   std::vector<double> follow;       // Ω and Y, row major                      (m × 18 × 8)
+  std::vector<double> stress;       // V_q P_q                                (q × 9 × 8)
   std::vector<double> curved;       // V_q H_q E_q, as a batch's slope         (q × m × 9 × 3 × 8)
   double rotation[9 * kWideLanes];  // of the batch before, from which the next one starts
   Turn turn;                        // of one region

@@ -260,11 +260,29 @@ struct Columns {
   }
 };
 
-// Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product, the first column alone unless `curved`.
+// Adds E_qᵀ times each column of `load` (9 × columns, `stride` apart) to those of the product.
+template <typename V>
+MJFRAMES_INLINE void AddLoads(const Half<V>& half, int q, const V* load, int stride, int columns,
+                              BatchScratch* scratch) {
+  const size_t first = static_cast<size_t>(q) * half.batch.size;
+  for (int j = 0; j < half.size; j++) {
+    for (int c = 0; c < columns; c++) {
+      for (int s = 0; s < 3; s++) {
+        V sum = half.Of(scratch->product.data(), 12 * j + 3 * c + s);
+        for (int e = 0; e < 9; e++) {
+          sum += half.Of(half.batch.slope.data(), 27 * (first + j) + 3 * e + s) * load[stride * e + c];
+        }
+        half.Put(sum, scratch->product.data(), 12 * j + 3 * c + s);
+      }
+    }
+  }
+}
+
+// Adds the cells' V_q E_qᵀ [P_q | H_q E_q Z] to the product, the first column alone unless `curved`; then V_q P_q and
+// V_q H_q E_q are kept, too.
 template <typename V>
 MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* scratch) {
   const RegionBatch& batch = half.batch;
-  double* product = scratch->product.data();
   for (int q = 0; q < batch.cells; q++) {
     const size_t first = 27 * static_cast<size_t>(q) * batch.size;
     const double* slope = batch.slope.data() + kWideLanes * first;
@@ -287,6 +305,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
     FirstPiola(F, is, of, P);
     for (int e = 0; e < 9; e++) load[4 * e] = volume * P[e];
     if (curved) {
+      for (int e = 0; e < 9; e++) half.Put(load[4 * e], scratch->stress.data(), 9 * q + e);
       V H[81];
       ProjectedHessian(F, of, H);
       for (V& h : H) h *= volume;
@@ -309,15 +328,7 @@ MJFRAMES_INLINE void AddCells(const Half<V>& half, bool curved, BatchScratch* sc
         }
       }
     }
-    for (int j = 0; j < half.size; j++) {
-      for (int c = 0; c < (curved ? 4 : 1); c++) {
-        for (int s = 0; s < 3; s++) {
-          V sum = half.Of(product, 12 * j + 3 * c + s);
-          for (int e = 0; e < 9; e++) sum += half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s) * load[4 * e + c];
-          half.Put(sum, product, 12 * j + 3 * c + s);
-        }
-      }
-    }
+    AddLoads(half, q, load, 4, curved ? 4 : 1, scratch);
   }
 }
 
@@ -562,46 +573,30 @@ MJFRAMES_INLINE bool Rotate(const Half<V>& half, int regions, const Vec3* x, Bat
   return true;
 }
 
-// Adds the cells' V_q E_qᵀ (P_q + H_q E_q (ẑ − z)) to the product's first column, with P_q and H_q of the places z in
-// `before`, whose H_q AddCells has found. A law at ẑ would bend thin plates: what its stress at a stretch differs from
-// that is little there, but much to bending, and the stretch of a turn is to go.
+// Adds the cells' V_q E_qᵀ (P_q + H_q E_q (ẑ − z)) to the product's first column, with P_q and H_q that AddCells has
+// found at the places z in `before`. A law at ẑ would bend thin plates: what its stress at a stretch differs from that
+// is little there, but much to bending, and the stretch of a turn is to go.
 template <typename V>
 MJFRAMES_INLINE void AddCellsAhead(const Half<V>& half, BatchScratch* scratch) {
-  const RegionBatch& batch = half.batch;
-  for (int q = 0; q < batch.cells; q++) {
-    const size_t first = 27 * static_cast<size_t>(q) * batch.size;
-    const double* slope = batch.slope.data() + kWideLanes * first;
-    V F[9], P[9], load[9] = {};
-    for (int e = 0; e < 9; e++) F[e] = Fill<V>(kIdentity[e]);
+  for (int q = 0; q < half.batch.cells; q++) {
+    const size_t first = 27 * static_cast<size_t>(q) * half.batch.size;
+    V load[9];
+    for (int e = 0; e < 9; e++) load[e] = half.Of(scratch->stress.data(), 9 * q + e);
     for (int j = 0; j < half.size; j++) {
-      const Columns<V> of(half, scratch->z.data(), j);
-      V moved[3], y[3];
       for (int s = 0; s < 3; s++) {
-        moved[s] = of.z[s] - half.Of(scratch->before.data(), 3 * j + s);
-        y[s] = of.y[s] - moved[s];
-      }
-      for (int e = 0; e < 9; e++) {
-        for (int s = 0; s < 3; s++) {
-          const size_t entry = 27 * static_cast<size_t>(j) + 3 * e + s;
-          F[e] += half.Of(slope, entry) * y[s];
-          load[e] += half.Of(scratch->curved.data(), first + entry) * moved[s];
+        const size_t entry = 3 * static_cast<size_t>(j) + s;
+        const V moved = half.Of(scratch->z.data(), entry) - half.Of(scratch->before.data(), entry);
+        for (int e = 0; e < 9; e++) {
+          load[e] += half.Of(scratch->curved.data(), first + 27 * static_cast<size_t>(j) + 3 * e + s) * moved;
         }
       }
     }
-    const Invariants<V> is = InvariantsOf(F);
-    FirstPiola(F, is, SlopesOf(batch.law, half.moduli.material.data() + kWideLanes * q + half.first, is), P);
-    for (int e = 0; e < 9; e++) load[e] += half.Of(batch.volume.data(), q) * P[e];
-    for (int j = 0; j < half.size; j++) {
-      for (int s = 0; s < 3; s++) {
-        V sum = half.Of(scratch->product.data(), 12 * j + s);
-        for (int e = 0; e < 9; e++) sum += half.Of(slope, 27 * static_cast<size_t>(j) + 3 * e + s) * load[e];
-        half.Put(sum, scratch->product.data(), 12 * j + s);
-      }
-    }
+    AddLoads(half, q, load, 1, 1, scratch);
   }
 }
 
-// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`; after Follow, for the places where they are.
+// force −= R Pᵀ ŵ, ŵ = ∂W/∂y at the points' places `ahead`, of cells from their tangent; after Follow, for the places
+// where they are.
 template <typename V>
 MJFRAMES_INLINE void AddForceAhead(const Half<V>& half, int regions, const V* R, const Vec3* ahead,
                                    BatchScratch* scratch, Vec3* force) {

@@ -376,22 +376,10 @@ void Kinematics::StoreForceOf(const std::vector<Vec3>& force, mjData* d) {
   }
 }
 
-void Kinematics::PointMoments(const double* omega, const Vec3& position, std::vector<Moments>* moments) const {
+Vec3 Kinematics::Lever(const double* omega, const Vec3& position) const {
   Vec3 lever = position;
   for (size_t j = 0; j < points_.size(); j++) lever = lever - omega[j] * x_[j];
-  std::fill_n(moments->begin(), movers_.size(), Moments{});
-  for (size_t j = 0; j < points_.size(); j++) {
-    if (points_[j].mover < 0 || omega[j] == 0) continue;
-    Moments& own = (*moments)[points_[j].mover];
-    own.weight += omega[j];
-    own.moment = own.moment + omega[j] * (lever_[j] + lever);
-  }
-  for (size_t n = movers_.size(); n-- > 0;) {
-    if (movers_[n].parent < 0) continue;
-    Moments& into = (*moments)[movers_[n].parent];
-    into.weight += (*moments)[n].weight;
-    into.moment = into.moment + (*moments)[n].moment;
-  }
+  return lever;
 }
 
 double Kinematics::RowEntry(const Moments& moments, const Vec3& direction, int n, int a) const {

@@ -65,6 +65,8 @@ struct Moments {
   Vec3 moment;
 };
 
+inline Moments operator+(const Moments& a, const Moments& b) { return {a.weight + b.weight, a.moment + b.moment}; }
+
 class Kinematics {
  public:
   // Finds the instance's points among the bodies. What is wrong is told to `reader`.
@@ -110,9 +112,26 @@ class Kinematics {
   // Its velocity there.
   Vec3 WorldVelocity(const mjModel* m, const mjData* d, int j) const;
 
-  // Replaces the moments (one a mover) by those of the point Σ_j ω_j (x_j + a), a such that it is `position` (soft
-  // body's axes): a lever that turns with the bodies. omega: one a point.
-  void PointMoments(const double* omega, const Vec3& position, std::vector<Moments>* moments) const;
+  // From the point Σ_j ω_j x_j to `position` (soft body's axes). omega: one a point.
+  Vec3 Lever(const double* omega, const Vec3& position) const;
+
+  // Replaces the moments (one a mover) by those of the point Σ_j ω_j (x_j + lever), which turns with the bodies.
+  void PointMoments(const double* omega, const Vec3& lever, std::vector<Moments>* moments) const {
+    SumToMovers(omega, [&](size_t j) { return Moments{omega[j], omega[j] * (lever_[j] + lever)}; }, moments->data());
+  }
+
+  // Replaces the sums (one a mover) by Σ value(j) over the points at and below it whose ω_j is not zero.
+  template <typename T, typename Value>
+  void SumToMovers(const double* omega, const Value& value, T* sums) const {
+    std::fill_n(sums, movers_.size(), T{});
+    for (size_t j = 0; j < points_.size(); j++) {
+      const int mover = points_[j].mover;
+      if (mover >= 0 && omega[j] != 0) sums[mover] = sums[mover] + value(j);
+    }
+    for (size_t n = movers_.size(); n-- > 0;) {
+      if (const int parent = movers_[n].parent; parent >= 0) sums[parent] = sums[parent] + sums[n];
+    }
+  }
 
   // Velocity of that point along `direction` (soft body's axes) for a unit rate of degree of freedom a of mover n.
   double RowEntry(const Moments& moments, const Vec3& direction, int n, int a) const;
