@@ -21,8 +21,6 @@ T = TypeVar("T")
 Arrays = dict[str, NDArray[Any]]
 CONCRETE = (np.int64, np.int32, np.float64, np.float32)  # types that annotations name; others are of many
 ROW_PARTS = ("data", "indices", "indptr", "columns")
-
-
 NO_HINTS: Mapping[str, Any] = types.MappingProxyType({})
 
 
@@ -35,10 +33,11 @@ def packed(value: object, name: str = "", hints: Mapping[str, Any] = NO_HINTS, *
     if value is None:
         return {}
     if isinstance(value, sparse.csr_array):
-        parts = (value.data.astype(hints.get("kept", value.dtype)), value.indices, value.indptr, value.shape[1])  # pyright: ignore[reportOptionalSubscript]
+        data, (_, columns) = value.data.astype(hints.get("kept", value.dtype), copy=False), np.shape(value)
+        parts = (data, value.indices, value.indptr, columns)
         return {f"{name}.{part}": small(np.asarray(some)) for part, some in zip(ROW_PARTS, parts, strict=True)}
     if isinstance(value, np.ndarray):
-        return {name: small(value.astype(hints.get("kept", value.dtype)))}
+        return {name: small(value.astype(hints.get("kept", value.dtype), copy=False))}
     if isinstance(value, tuple) and (not value or isinstance(value[0], np.ndarray)):
         parts = [lower_triangle(part) for part in value] if hints.get("symmetric") else value
         shapes = np.array([part.shape for part in parts]) if parts else np.zeros((0, 1))

@@ -48,8 +48,9 @@ def test_a_long_build_is_announced(monkeypatch: pytest.MonkeyPatch, recwarn: pyt
     monkeypatch.setattr(cost, "SECONDS", (0.1, 0.1 / 3))
     with pytest.warns(
         Notice, match=r"^the volume has 2000 voxels: the build takes about 7 min and 0\.0 GB; fewer voxels"
-    ):
+    ) as told:
         mf.build(block(), 3)
+    assert told[0].filename == __file__
 
 
 def test_the_command_line_announces_it_before_and_refuses_in_one_sentence(
