@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,6 +25,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from benchmarks.contenders.flex import FlexProcess
+from benchmarks.contenders.frames import nothing_kept
 from benchmarks.solids import cases
 from benchmarks.speed.flex_steps import beam, flex_run, matches
 from benchmarks.speed.large import CELLS, Job, Measured, jobs_of, measure, ring_file
@@ -44,7 +44,6 @@ from benchmarks.speed.step_tables import (
 from benchmarks.speed.steps import Group, Speed, counted, of, prepare
 from benchmarks.speed.steps import measure as measure_steps
 from benchmarks.tables import machine, screen, show, table_of, write_table
-from mjframes.base.cache import SWITCH
 from mjframes.base.errors import MjframesError
 from mjframes.base.texts import count
 from mjframes.body.build import build
@@ -140,13 +139,13 @@ class Cost:
         return self.step("contact") / (self.step("contact") - self.elasticity)
 
 
+@nothing_kept()
 def main_of_steak(quick: bool = False, mujoco4: str | None = None, picture: str | None = None) -> None:
     """Measure, print tables, and write every number to out/bench.csv.
 
     quick: the paper's numbers of frames only, and less often.  mujoco4: a Python that has MuJoCo 4.0.0, for flex.
     picture: where times over frames are drawn (.png), if anywhere.
     """
-    os.environ[SWITCH] = "0"  # stages that were kept from an earlier run would flatter the times
     console = screen()
     rows: list[tuple[object, ...]] = [("machine", "", "", name, text, "") for name, text in machine().items()]
     for _, _, _, name, text, _ in rows:

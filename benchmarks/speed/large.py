@@ -7,7 +7,6 @@ from the cache of stages. The body is a ring of about a million voxels unless a 
 
 from __future__ import annotations
 
-import os
 import resource
 import sys
 import tempfile
@@ -21,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjframes.base.cache import SWITCH
+from benchmarks.contenders.frames import nothing_kept
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
 from mjframes.volume.material import Material
@@ -102,9 +101,9 @@ def measure(jobs: Sequence[Job], repeats: int = REPEATS) -> Iterator[Measured]:
             yield min(found, key=lambda measured: measured.seconds)
 
 
+@nothing_kept()
 def measure_here(job: Job) -> Measured:
     """Measure a job in this process, once: from the file to the saved body."""
-    os.environ[SWITCH] = "0"
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what a mesh lacks is not the question here
         path = str(Path(folder) / "body.npz")

@@ -17,6 +17,7 @@ from scipy import sparse
 from threadpoolctl import threadpool_info
 
 import mjframes as mf
+from mjframes.base import cache
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import TurnWarning, build
 from mjframes.body.soft_body import SoftBody
@@ -51,6 +52,8 @@ def test_stages_are_reported_in_order() -> None:
 def test_what_was_built_before_is_read_to_the_last_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And told of again, whatever the options are; another option is another body."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv(cache.SWITCH, raising=False)
+    monkeypatch.setattr(cache, "WORTHWHILE", 0.0)
     some: dict[str, Any] = {
         "weights": mf.Voronoi(2),
         "supports": Attached("link", mixed().side("-x")),
