@@ -33,8 +33,8 @@ def packed(value: object, name: str = "", hints: Mapping[str, Any] = NO_HINTS, *
     if value is None:
         return {}
     if isinstance(value, sparse.csr_array):
-        data, (_, columns) = value.data.astype(hints.get("kept", value.dtype), copy=False), np.shape(value)
-        parts = (data, value.indices, value.indptr, columns)
+        data = value.data.astype(hints.get("kept", value.dtype), copy=False)
+        parts = (data, value.indices, value.indptr, value.shape[1])  # pyright: ignore[reportOptionalSubscript]
         return {f"{name}.{part}": small(np.asarray(some)) for part, some in zip(ROW_PARTS, parts, strict=True)}
     if isinstance(value, np.ndarray):
         return {name: small(value.astype(hints.get("kept", value.dtype), copy=False))}
