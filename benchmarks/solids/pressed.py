@@ -118,7 +118,8 @@ def _of_mesh(name: str) -> Volume:
 
     mesh = trimesh.load_mesh(MESHES / name)
     mesh.apply_scale(LENGTH / mesh.extents.max())
-    return Volume.from_meshes([(mesh, FLESH)], voxels=VOXELS).largest_component()
+    volume = Volume.from_meshes([(mesh, FLESH)], voxels=VOXELS).largest_component()
+    return replace(volume, outline=None)  # the finite elements end where the voxels do
 
 
 def _glued(

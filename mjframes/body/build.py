@@ -224,7 +224,7 @@ def _fields(volume: Volume, frames: Frames, elastic: _Elastic, metric: str) -> F
     """The values at the voxels."""
     condensed = elastic.condensed
     return Fields(
-        volume=volume,
+        volume=replace(volume, outline=None),  # which the surfaces have
         weights=elastic.shapes.weights,
         correction=elastic.shapes.correction,
         lifting=condensed.lifting if condensed else None,

@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.spatial import KDTree
 
 from mjframes.kinematics.shape_functions import ShapeFunctions
+from mjframes.surface.closest import closest_weights, samples
 from mjframes.surface.contact_points import ContactPoints
 from mjframes.surface.isosurface import Surface
 from mjframes.volume.grid import Grid
@@ -121,22 +122,13 @@ def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.
     Exact where the nearest triangle holds one of the surface samples, `spacing` / 2 apart, nearest to the point.
     """
     a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
-    longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
-    pieces = np.maximum(1, np.ceil(2 * longest / spacing).astype(int))
-    samples, owner = [], []
-    for count in np.unique(pieces):
-        some = np.flatnonzero(pieces == count)
-        u, v = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T / count
-        samples.append(
-            (a[some, None] + u[:, None] * (b - a)[some, None] + v[:, None] * (c - a)[some, None]).reshape(-1, 3)
-        )
-        owner.append(np.repeat(some, len(u)))
-    near = np.asarray(KDTree(np.concatenate(samples)).query(points, k=8)[1])
-    candidates = np.concatenate(owner)[near]
+    points_of, owner = samples(a, b, c, spacing / 2)
+    near = np.asarray(KDTree(points_of).query(points, k=8)[1])
+    candidates = owner[near]
     normals = surface.vertex_normals[surface.faces]
     best, sign = np.full(len(points), np.inf), np.ones(len(points))
     for triangle in candidates.T:
-        weight = _closest_weights(points, a[triangle], b[triangle], c[triangle])
+        weight = closest_weights(points, a[triangle], b[triangle], c[triangle])
         offset = points - np.einsum("nc,nci->ni", weight, surface.vertices[surface.faces[triangle]])
         distance = np.linalg.norm(offset, axis=1)
         normal = np.einsum("nc,nci->ni", weight, normals[triangle])
@@ -144,24 +136,6 @@ def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.
         best[better] = distance[better]
         sign[better] = np.where((offset * normal).sum(axis=1) < 0, -1, 1)[better]
     return sign * best
-
-
-def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """(n, 3) barycentric coordinates of the points of triangles a, b, c (n, 3) that are nearest to p (n, 3)."""
-    normal = np.cross(b - a, c - a)
-    area = np.maximum((normal**2).sum(axis=1), 1e-300)
-    inside = np.stack([(np.cross(y - x, p - x) * normal).sum(axis=1) / area for x, y in ((b, c), (c, a), (a, b))], 1)
-    weights, best = inside, np.where((inside >= 0).all(axis=1), 0.0, np.inf)
-    for i, (x, y) in enumerate(((a, b), (b, c), (c, a))):
-        edge = y - x
-        t = np.clip(((p - x) * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300), 0, 1)
-        distance = np.linalg.norm(p - x - t[:, None] * edge, axis=1)
-        better = distance < best
-        best = np.where(better, distance, best)
-        on_edge = np.zeros((len(p), 3))
-        on_edge[:, i], on_edge[:, (i + 1) % 3] = 1 - t, t
-        weights = np.where(better[:, None], on_edge, weights)
-    return weights
 
 
 def _nearest_vertices(nodes: np.ndarray, distance: np.ndarray, vertices: ContactPoints, below: float) -> np.ndarray:

@@ -29,6 +29,7 @@ from mjframes.base.packages import optional
 from mjframes.volume.material import Material
 from mjframes.volume.meshes import MESH_TYPES
 from mjframes.volume.metaimage import read_metaimage
+from mjframes.volume.outline import Outline, outline_in
 
 WITHDRAWN = ("veins", "vein_spacing")  # of materials in older files: how a skin was drawn
 PIECE = 2**10  # [bytes] of compressed data that are looked at together: some megabytes at most
@@ -57,6 +58,7 @@ class LabelImage:
     axes: (3, 3), column a is the unit direction of index axis a, maybe left-handed or sheared.
     origin_index: index position of `origin` in the first voxel, ½ its centre, 0 its corner.
     materials: None where the file has none.
+    outline: what the voxels were sampled from, None where the file does not say that.
     """
 
     labels: NDArray[Any]
@@ -65,6 +67,7 @@ class LabelImage:
     origin: NDArray[np.float64] | None = None
     origin_index: float = 0.0
     materials: Mapping[int, Material] | None = None
+    outline: Outline | None = None
 
 
 def read_image(path: Path) -> LabelImage:
@@ -109,7 +112,8 @@ def _read_npz(path: Path) -> LabelImage:
         spacing, origin = (archive.get(name) for name in ("spacing", "origin"))
         axes = archive["axes"].astype(np.float64) if "axes" in archive else np.eye(3)
         materials = _parse_materials(path, str(archive["materials"])) if "materials" in archive else None
-    return LabelImage(labels, spacing, axes, origin, materials=materials)
+        outline = outline_in(archive)
+    return LabelImage(labels, spacing, axes, origin, materials=materials, outline=outline)
 
 
 def _only_labels(path: Path, archive: Mapping[str, NDArray[Any]]) -> NDArray[Any]:

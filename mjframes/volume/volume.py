@@ -24,6 +24,7 @@ from mjframes.base.numbers import is_number
 from mjframes.volume.hull import in_convex_hull
 from mjframes.volume.images import LabelImage, read_image, write_materials
 from mjframes.volume.material import Material
+from mjframes.volume.outline import Outline, ball_outline, cylinder_outline, outline_in, outline_of
 from mjframes.volume.solids import Solid, ball, box, cylinder
 from mjframes.volume.spacing import require_voxels, spacing_or_voxels, three_lengths
 
@@ -54,6 +55,8 @@ class Volume:
         Proper rotation (3, 3). Column a is the direction of index axis a.
     materials
         Material of every label that occurs. Other labels may be there too.
+    outline
+        Surfaces that the voxels were sampled from, if known. The body's surface is drawn to them where it is near.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Volume:
     origin: NDArray[np.float64]
     axes: NDArray[np.float64]
     materials: dict[int, Material]
+    outline: Outline | None = None
 
     def __post_init__(self) -> None:
         labels = np.asarray(self.labels)
@@ -208,7 +212,8 @@ class Volume:
         if drop_unknown:
             array[np.isin(array, list(set(occurring(array)) - set(found)))] = 0
         try:
-            whole = cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found))
+            outline = image.outline if spacing is None and origin is None else None
+            whole = cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found), outline)
         except MjframesError as error:
             raise MjframesError(f"{source}{error}") from error
         return whole.upright(up)
@@ -277,7 +282,8 @@ class Volume:
             surfaces = [load_surface(mesh, name, scale) for mesh, name in named]
             edges = spacing_for(surfaces, count, fill is not None) if step is None else step
             labels, origin, notices = voxelize(surfaces, edges, fill is not None)
-            return {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
+            arrays = {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
+            return arrays if fill is not None else arrays | outline_of(surfaces).arrays()  # the hull is of voxels
 
         contents = [mesh_contents(mesh, name, scale) for mesh, name in named]
         settings = (step, count if step is None else None, fill is not None, scale if scale is None else float(scale))
@@ -287,7 +293,7 @@ class Volume:
         labels, origin, step = known["labels"], known["origin"], known["spacing"]
         present = set(occurring(labels))
         inside = {i: material for i, material in enumerate(materials, 1) if i in present}
-        return cls(labels, step, origin, np.eye(3), inside).upright(up)
+        return cls(labels, step, origin, np.eye(3), inside, outline_in(known)).upright(up)
 
     @classmethod
     @telling_memory
@@ -321,7 +327,7 @@ class Volume:
     ) -> Volume:
         """Return a solid sphere of one material, label 1, centred on the origin.
 
-        A voxel is inside if its centre is.
+        A voxel is inside if its centre is. The surface is round.
 
         Parameters
         ----------
@@ -340,7 +346,8 @@ class Volume:
             If a length is not positive, if both `spacing` and `voxels` are given, if no voxel fits, or if the
             volume of all voxels is off by more than a quarter.
         """
-        return cls._of_solid(ball(radius, spacing, voxels), material)
+        whole = cls._of_solid(ball(radius, spacing, voxels), material)
+        return replace(whole, outline=ball_outline(float(radius), float(whole.spacing.min())))
 
     @classmethod
     @telling_memory
@@ -355,7 +362,7 @@ class Volume:
     ) -> Volume:
         """Return a solid cylinder of one material, label 1, along z and centred on the origin.
 
-        A voxel is inside if its centre is.
+        A voxel is inside if its centre is. The surface is round.
 
         Parameters
         ----------
@@ -376,7 +383,8 @@ class Volume:
             If a length is not positive, if both `spacing` and `voxels` are given, if no voxel fits, or if the
             volume of all voxels is off by more than a quarter.
         """
-        return cls._of_solid(cylinder(radius, length, spacing, voxels), material)
+        whole = cls._of_solid(cylinder(radius, length, spacing, voxels), material)
+        return replace(whole, outline=cylinder_outline(float(radius), float(length), float(whole.spacing.min())))
 
     @classmethod
     def _of_solid(cls, solid: Solid, material: Material) -> Volume:
@@ -416,6 +424,7 @@ class Volume:
             raise MjframesError(f"{path}: a volume is saved as .npz; give the path that ending.")
         arrays: dict[str, Any] = {"labels": self.labels, "spacing": self.spacing, "origin": self.origin}
         arrays |= {"axes": self.axes, "materials": write_materials(self.materials), "format_version": VOLUME_VERSION}
+        arrays |= {} if self.outline is None else self.outline.arrays()
         with replacing(path, "the volume") as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
@@ -468,7 +477,8 @@ class Volume:
         turn[2, "xyz".index(up[-1])] = -1 if up[0] == "-" else 1
         turn[0] = [0, 1, 0] if up[-1] == "x" else [1, 0, 0]
         turn[1] = np.cross(turn[2], turn[0])
-        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
+        outline = None if self.outline is None else self.outline.turned(turn)
+        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin, outline=outline)
 
     def side(self, side: str, depth: float | None = None) -> NDArray[np.bool_]:
         """Return a mask (nx, ny, nz) of a slab of voxels at one side of the volume, for `mjframes.Fixed`.
@@ -546,7 +556,7 @@ class Volume:
             raise MjframesError(f"the highest label is {label - 1}; the next, for what is filled, is too large.")
         labels = self.labels.astype(np.promote_types(self.labels.dtype, np.min_scalar_type(label)))
         labels[in_convex_hull(labels != 0) & (labels == 0)] = label
-        return replace(self, labels=labels, materials=self.materials | {label: material})
+        return replace(self, labels=labels, materials=self.materials | {label: material}, outline=None)
 
     @telling_memory
     def largest_component(self) -> Volume:

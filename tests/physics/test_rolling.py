@@ -49,17 +49,17 @@ def test_a_ball_rolls_down_a_slope_as_a_rigid_one(
 ) -> None:
     """It rolled 0.4 of the way: contacts ahead of its middle braked, as if it were a polyhedron."""
     way, off = rolled(radius, spacing, young, frames, timestep)
-    assert 0.85 < way < 1.02
-    assert off < 0.12  # at up to 125 rad/s it hops a little, as its surface is that of voxels
+    assert 0.95 < way < 1.02
+    assert off < 0.05
 
 
-@pytest.mark.parametrize(("friction", "least", "most"), [(0.0001, 10, 100), (0.005, 0, 5)])
+@pytest.mark.parametrize(("friction", "least", "most"), [(0.0001, 10, 200), (0.005, 0, 5)])
 def test_rolling_friction_keeps_a_ball_where_it_was_set_down(friction: float, least: float, most: float) -> None:
     """In millimetres. Its rows did nothing before they felt the material turn."""
     ball = build(Volume.sphere(0.02, Material(2e5, 0.45, 500), spacing=0.002), 4)
     contact = Contact(condim=6, friction=(1, 0.005, friction))
     model, data = compiled(FLOOR, (ball, (0, 0, 0.0201), UPRIGHT), contact=contact)
-    mujoco.mj_step(model, data, nstep=1000)
+    mujoco.mj_step(model, data, nstep=4000)
     away = 1e3 * np.linalg.norm(data.subtree_com[model.body_rootid[-1], :2])
     assert least < away < most
 
