@@ -33,6 +33,7 @@ WIDTH = 0.29  # [-] of a frame's size: fitted to finite elements, 0.28 to 0.30 f
 NARROWEST, WIDEST = 0.25, 2.0  # [-] of that width: beyond, it is not a dent that is missing
 SEEN = 0.82  # [-] of ℓ that probes find, whose voxels are below the surface: fitted to a ball and a pad, 1 to 20 frames
 BONE = 30.0  # [-] times as stiff as the surface: what is below does not give way beside it
+ABOVE = 1.5  # [voxels] along the normal that a place of the surface is above the first voxel at most
 PRESSURE = 0.405  # [-] of a pressure's variance, as in plugin/constants.h
 MOST = 400  # voxels of a push that are looked at
 STEPS = 49  # ℓ that are tried: 4 % apart
@@ -83,18 +84,22 @@ def dents(
 def _thickness(grid: Grid, positions: Array, normals: Array, surface: NDArray[np.integer]) -> Array:
     """(s,) how far it is through the voxels to the other side or to bone, by steps of half of one; one at least.
 
-    surface: (s,) the voxel at each place.
+    surface: (s,) the voxel at each place. The place may be above all voxels, as a smooth surface is.
     """
-    step, most = grid.spacing.min() / 2, float(np.linalg.norm(grid.spacing * grid.lookup.shape))
-    inside, length = np.ones(len(positions), bool), np.zeros(len(positions))
-    while inside.any() and length.max() < most:
-        length[inside] += step
+    voxel = float(grid.spacing.min())
+    step, most = voxel / 2, float(np.linalg.norm(grid.spacing * grid.lookup.shape))
+    goes_on, entered = np.ones(len(positions), bool), np.zeros(len(positions), bool)
+    length = np.zeros(len(positions))
+    while goes_on.any() and length.max() < most:
+        length[goes_on] += step
         place = (positions - length[:, None] * normals - grid.origin) @ grid.axes / grid.spacing
         index = np.floor(place).astype(np.int64)
         near = index.clip(0, np.array(grid.lookup.shape) - 1)
-        voxel = grid.lookup[tuple(near.T)]
-        inside &= (near == index).all(axis=1) & (voxel >= 0) & (grid.young[voxel] < BONE * grid.young[surface])
-    return np.maximum(length, grid.spacing.min())
+        found = grid.lookup[tuple(near.T)]
+        is_flesh = (near == index).all(axis=1) & (found >= 0) & (grid.young[found] < BONE * grid.young[surface])
+        entered |= is_flesh
+        goes_on &= is_flesh | (~entered & (length < ABOVE * voxel))
+    return np.where(entered, np.maximum(length, voxel), voxel)
 
 
 def _softness(grid: Grid) -> Array:
