@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.spatial import KDTree
 
 from mjframes.kinematics.shape_functions import ShapeFunctions
-from mjframes.surface.closest import closest_weights, samples
+from mjframes.surface.closest import closest_weights
 from mjframes.surface.contact_points import ContactPoints
 from mjframes.surface.isosurface import Surface
 from mjframes.volume.grid import Grid
@@ -122,9 +122,18 @@ def signed_distance(surface: Surface, points: np.ndarray, spacing: float) -> np.
     Exact where the nearest triangle holds one of the surface samples, `spacing` / 2 apart, nearest to the point.
     """
     a, b, c = (surface.vertices[surface.faces[:, i]] for i in range(3))
-    points_of, owner = samples(a, b, c, spacing / 2)
-    near = np.asarray(KDTree(points_of).query(points, k=8)[1])
-    candidates = owner[near]
+    longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
+    pieces = np.maximum(1, np.ceil(2 * longest / spacing).astype(int))
+    samples, owner = [], []
+    for count in np.unique(pieces):
+        some = np.flatnonzero(pieces == count)
+        u, v = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T / count
+        samples.append(
+            (a[some, None] + u[:, None] * (b - a)[some, None] + v[:, None] * (c - a)[some, None]).reshape(-1, 3)
+        )
+        owner.append(np.repeat(some, len(u)))
+    near = np.asarray(KDTree(np.concatenate(samples)).query(points, k=8)[1])
+    candidates = np.concatenate(owner)[near]
     normals = surface.vertex_normals[surface.faces]
     best, sign = np.full(len(points), np.inf), np.ones(len(points))
     for triangle in candidates.T:

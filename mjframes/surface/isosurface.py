@@ -2,7 +2,7 @@
 
 The surface net of the voxels (`net.py`), flat where they are, decimated, moved along its normals where it is not flat
 so that it encloses the volume of the voxels, and cut where two smoothed material indicators G ∗ 1_a and G ∗ 1_b are
-equal. Where it is known what the voxels were sampled from, the net is drawn to that (`drawn.py`) in place of the moves.
+equal. Where it is known what the voxels were sampled from, the net is drawn to that (`guide.py`) in place of the moves.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.base.portable import each
 from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
-from mjframes.surface.drawn import drawn_to
+from mjframes.surface.guide import guide_to
 from mjframes.surface.net import Net, surface_net
 from mjframes.surface.seams import cut_seams
 from mjframes.surface.smoothing import SMOOTHING
@@ -71,14 +71,16 @@ def extract_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
     labels = np.pad(volume.labels[box], MARGIN)
     corner = np.array([s.start for s in box]) - MARGIN + 0.5  # index 0 of the padded array is the centre of a voxel
     net = surface_net(labels > 0)
-    if volume.outline is None:
-        vertices, faces = decimate(net.vertices * spacing, net.faces, target_vertices)
+    at, guide = net.vertices * spacing, None
+    if volume.outline is not None and tuple(volume.outline.shape) == volume.labels.shape:
+        guide = guide_to(volume.outline, corner, spacing, at)
+    drawn = None if guide is None else guide.net(at, net.faces)
+    vertices, faces = decimate(at if drawn is None else drawn, net.faces, target_vertices)
+    if guide is None or drawn is None:
         mobile = ~_fixed(net, vertices / spacing)
         vertices = _conserve_volume(vertices, faces, mobile, np.count_nonzero(labels) * float(np.prod(spacing)))
     else:
-        outline = drawn_to(volume.outline, volume.origin + volume.axes @ (corner * spacing), volume.axes, spacing)
-        vertices, faces = decimate(outline.net(net.vertices * spacing, net.faces), net.faces, target_vertices)
-        vertices = outline.vertices(vertices, faces)
+        vertices = guide.vertices(vertices, faces)
     materials, indicator = _material_indicators(labels, vertices / spacing)
     vertices, faces, label = cut_seams(vertices, faces, indicator)
     vertices = volume.origin + (vertices + corner * spacing) @ volume.axes.T

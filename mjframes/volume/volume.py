@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 ORTHOGONAL = 1e-3  # [-] largest cosine between index axes: headers round to about 1e-5, a tilted gantry gives 1e-2
 MANY = 30  # labels without a material that no atlas, but an image of intensities has
 SHOWN = 10  # of them
+FINER = 0.3  # [-] of the voxels: what was sampled by larger ones is too far away from the steps between these
 LARGEST_LABEL = 2**32 - 1  # fits uint32; atlases number their structures with up to nine digits
 
 
@@ -56,7 +57,8 @@ class Volume:
     materials
         Material of every label that occurs. Other labels may be there too.
     outline
-        Surfaces that the voxels were sampled from, if known. The body's surface is drawn to them where it is near.
+        Surfaces that the voxels were sampled from, if known, in voxels. The body's surface is drawn to them where it
+        is near.
 
     Raises
     ------
@@ -87,6 +89,8 @@ class Volume:
         axes = np.asarray(self.axes)
         if axes.shape != (3, 3) or not np.allclose(axes.T @ axes, np.eye(3), atol=1e-6) or np.linalg.det(axes) < 0:
             raise MjframesError(f"axes are {axes.tolist()}; they must be a proper rotation matrix.")
+        if not isinstance(self.outline, Outline | None):
+            raise MjframesError(f"outline is {self.outline!r}; it must be an Outline, as from_meshes makes, or None.")
         _check_materials(occurring(labels), self.materials)
 
     @classmethod
@@ -201,7 +205,8 @@ class Volume:
         corner = np.zeros(3)
         if image.origin is not None:
             corner = _vector(f"{source}origin", image.origin) - axes @ step * image.origin_index
-        if np.linalg.det(axes) < 0:
+        is_left = np.linalg.det(axes) < 0
+        if is_left:
             a = int(np.argmin(np.diag(axes)))  # of the three reversals the one that leaves the smallest rotation
             corner = corner + axes[:, a] * step[a] * shape[a]
             axes[:, a] *= -1
@@ -212,7 +217,10 @@ class Volume:
         if drop_unknown:
             array[np.isin(array, list(set(occurring(array)) - set(found)))] = 0
         try:
-            outline = image.outline if spacing is None and origin is None else None
+            outline = image.outline
+            if outline is not None:
+                whole_grid = not is_left and tuple(outline.shape) == image.labels.shape
+                outline = outline.on(low.astype(float), np.ones(3), array.shape) if whole_grid else None
             whole = cls(np.ascontiguousarray(array), step, corner + axes @ (low * step), axes, dict(found), outline)
         except MjframesError as error:
             raise MjframesError(f"{source}{error}") from error
@@ -264,7 +272,7 @@ class Volume:
         """
         from mjframes.base.cache import cached
         from mjframes.volume.meshes import MeshWarning, load_surface, mesh_contents, mesh_name
-        from mjframes.volume.voxelize import spacing_for, voxelize
+        from mjframes.volume.voxelize import convex_hull, spacing_for, voxelize
 
         step, count = spacing_or_voxels(spacing, voxels)
         if scale is not None and not (is_number(scale) and scale > 0):
@@ -282,8 +290,10 @@ class Volume:
             surfaces = [load_surface(mesh, name, scale) for mesh, name in named]
             edges = spacing_for(surfaces, count, fill is not None) if step is None else step
             labels, origin, notices = voxelize(surfaces, edges, fill is not None)
+            whole = surfaces if fill is None else [convex_hull(surfaces)]
+            outline = outline_of(whole, origin, edges, labels.shape).arrays()
             arrays = {"labels": labels, "origin": origin, "spacing": edges, "notices": np.array(notices, np.str_)}
-            return arrays if fill is not None else arrays | outline_of(surfaces).arrays()  # the hull is of voxels
+            return arrays | outline
 
         contents = [mesh_contents(mesh, name, scale) for mesh, name in named]
         settings = (step, count if step is None else None, fill is not None, scale if scale is None else float(scale))
@@ -347,7 +357,8 @@ class Volume:
             volume of all voxels is off by more than a quarter.
         """
         whole = cls._of_solid(ball(radius, spacing, voxels), material)
-        return replace(whole, outline=ball_outline(float(radius), float(whole.spacing.min())))
+        grid = whole.origin, whole.spacing, whole.labels.shape
+        return replace(whole, outline=ball_outline(float(radius), *grid))
 
     @classmethod
     @telling_memory
@@ -384,7 +395,8 @@ class Volume:
             volume of all voxels is off by more than a quarter.
         """
         whole = cls._of_solid(cylinder(radius, length, spacing, voxels), material)
-        return replace(whole, outline=cylinder_outline(float(radius), float(length), float(whole.spacing.min())))
+        grid = whole.origin, whole.spacing, whole.labels.shape
+        return replace(whole, outline=cylinder_outline(float(radius), float(length), *grid))
 
     @classmethod
     def _of_solid(cls, solid: Solid, material: Material) -> Volume:
@@ -461,8 +473,13 @@ class Volume:
         labels = some[np.ix_(*places)]
         if lost := sorted(set(occurring(self.labels)) - set(occurring(labels))):
             raise MjframesError(f"label {lost[0]} has parts too thin for {voxels} voxels and vanishes; take more.")
-        corner = self.origin + self.axes @ (low * self.spacing + (extents - np.array(labels.shape) * step) / 2)
-        return replace(self, labels=labels, spacing=np.full(3, step), origin=corner)
+        start = low * self.spacing + (extents - np.array(labels.shape) * step) / 2
+        outline = self.outline
+        if outline is not None:
+            is_near = step > FINER * float(self.spacing.min())
+            outline = outline.on(start / self.spacing, step / self.spacing, labels.shape) if is_near else None
+        corner = self.origin + self.axes @ start
+        return replace(self, labels=labels, spacing=np.full(3, step), origin=corner, outline=outline)
 
     def upright(self, up: str) -> Volume:
         """Return the volume turned about the origin so that what was along the axis `up` ("y", "-x", …) is along z.
@@ -477,8 +494,7 @@ class Volume:
         turn[2, "xyz".index(up[-1])] = -1 if up[0] == "-" else 1
         turn[0] = [0, 1, 0] if up[-1] == "x" else [1, 0, 0]
         turn[1] = np.cross(turn[2], turn[0])
-        outline = None if self.outline is None else self.outline.turned(turn)
-        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin, outline=outline)
+        return replace(self, axes=turn @ self.axes, origin=turn @ self.origin)
 
     def side(self, side: str, depth: float | None = None) -> NDArray[np.bool_]:
         """Return a mask (nx, ny, nz) of a slab of voxels at one side of the volume, for `mjframes.Fixed`.
