@@ -24,6 +24,12 @@ def cone() -> trimesh.Trimesh:
     return trimesh.creation.cone(0.03, 0.06, sections=32)
 
 
+def joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    together = trimesh.util.concatenate(meshes)
+    assert isinstance(together, trimesh.Trimesh)
+    return together
+
+
 def outline(volume: Volume) -> Outline:
     assert volume.outline is not None
     return volume.outline
@@ -80,10 +86,10 @@ def test_what_fills_the_hull_ends_at_the_hull() -> None:
 
 def test_each_shell_is_a_part_unless_there_are_very_many() -> None:
     some = [cone().apply_translation([0.1 * i, 0, 0]) for i in range(3)]
-    pairs = [(some[0], FLESH), (trimesh.util.concatenate(some[1:]), FLESH)]
+    pairs = [(some[0], FLESH), (joined(some[1:]), FLESH)]
     assert len(np.unique(outline(Volume.from_meshes(pairs, spacing=0.004)).part)) == 3
     grains = [trimesh.creation.box((0.004,) * 3).apply_translation([0.005 * i, 0, 0]) for i in range(MOST_PARTS)]
-    many = [(trimesh.util.concatenate(grains), FLESH), (cone().apply_translation([0, 0.1, 0]), FLESH)]
+    many = [(joined(grains), FLESH), (cone().apply_translation([0, 0.1, 0]), FLESH)]
     assert len(np.unique(outline(Volume.from_meshes(many, spacing=0.002)).part)) == 2
 
 
@@ -140,7 +146,7 @@ def test_one_of_other_voxels_counts_for_nothing(change: str) -> None:
 def test_a_shell_without_area_counts_for_nothing() -> None:
     grain = trimesh.creation.box((1e-9,) * 3).apply_translation([0.03, 0, 0])
     ball = trimesh.creation.icosphere(4, 0.02)
-    volume = Volume.from_meshes([(trimesh.util.concatenate([ball, grain]), FLESH)], spacing=0.003)
+    volume = Volume.from_meshes([(joined([ball, grain]), FLESH)], spacing=0.003)
     np.testing.assert_allclose(np.linalg.norm(extract_surface(volume).vertices, axis=1), 0.02, rtol=0.01)
 
 
