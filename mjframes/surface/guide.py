@@ -156,10 +156,12 @@ class Guide:
         """Without triangles that turned over or lost their area.  normal: (s, 3) of the outline at the vertices."""
         right = face_normals(start, faces), _unit(normal[faces].sum(axis=1))
         beside = _neighbours(faces)
+        least = 2 * SLIVER * float(self.spacing.min()) ** 2
         for share in [0.5] * (RETURNS - 1) + [1.0]:
-            now = face_normals(x, faces)
+            cross = _crosses(x[faces])
+            now = _unit(cross)
             bad = np.all([np.einsum("tc,tc->t", now, some) < TURNED for some in right], axis=0)
-            bad |= _doubled(x, faces) < 2 * SLIVER * float(self.spacing.min()) ** 2
+            bad |= np.linalg.norm(cross, axis=1) < least
             folded = np.einsum("ec,ec->e", now[beside[:, 0]], now[beside[:, 1]]) < FOLDED
             bad[beside[folded]] = True
             if not bad.any():
@@ -183,9 +185,9 @@ def guide_to(outline: Outline, corner: Array, spacing: Array, vertices: Array) -
     for part in np.unique(outline.part):
         corners = x[outline.faces[outline.part == part]]
         corners = corners[((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        size = np.linalg.norm(cross, axis=1)
-        corners, normals = corners[size > 0], cross[size > 0] / size[size > 0, None]
+        cross = _crosses(corners)
+        has_area = np.linalg.norm(cross, axis=1) > 0
+        corners, normals = corners[has_area], _unit(cross[has_area])
         if not len(corners):
             continue
         rows = rows_of_samples(corners, step)
@@ -199,22 +201,20 @@ def guide_to(outline: Outline, corner: Array, spacing: Array, vertices: Array) -
 
 def face_normals(x: Array, faces: Faces) -> Array:
     """Return unit normals (t, 3), 0 for triangles without area."""
-    a, b, c = x[faces].transpose(1, 0, 2)
-    return _unit(np.cross(b - a, c - a))
+    return _unit(_crosses(x[faces]))
 
 
 def vertex_normals(x: Array, faces: Faces) -> Array:
     """Return unit normals (s, 3), means of the triangles' by their areas."""
-    a, b, c = x[faces].transpose(1, 0, 2)
-    cross = np.cross(b - a, c - a)
+    cross = _crosses(x[faces])
     total = [np.bincount(faces.ravel(), np.repeat(cross[:, i], 3), len(x)) for i in range(3)]
     return _unit(np.stack(total, axis=1).astype(np.float64))
 
 
-def _doubled(x: Array, faces: Faces) -> Array:
-    """Twice the area (t,) of each triangle."""
-    a, b, c = x[faces].transpose(1, 0, 2)
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+def _crosses(corners: Array) -> Array:
+    """Normals (t, 3) of triangles (t, 3, 3), as long as twice their areas."""
+    a, b, c = corners.transpose(1, 0, 2)
+    return np.cross(b - a, c - a)
 
 
 def _unit(vectors: Array) -> Array:

@@ -22,7 +22,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.base.portable import each
 from mjframes.base.trimeshes import trimesh
 from mjframes.surface.decimate import decimate
-from mjframes.surface.guide import guide_to
+from mjframes.surface.guide import Guide, guide_to
 from mjframes.surface.net import Net, surface_net
 from mjframes.surface.seams import cut_seams
 from mjframes.surface.smoothing import SMOOTHING
@@ -71,12 +71,9 @@ def extract_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
     labels = np.pad(volume.labels[box], MARGIN)
     corner = np.array([s.start for s in box]) - MARGIN + 0.5  # index 0 of the padded array is the centre of a voxel
     net = surface_net(labels > 0)
-    at, guide = net.vertices * spacing, None
-    if volume.outline is not None and tuple(volume.outline.shape) == volume.labels.shape:
-        guide = guide_to(volume.outline, corner, spacing, at)
-    drawn = None if guide is None else guide.net(at, net.faces)
-    vertices, faces = decimate(at if drawn is None else drawn, net.faces, target_vertices)
-    if guide is None or drawn is None:
+    at, guide = _guided(volume, corner, net.vertices * spacing, net.faces)
+    vertices, faces = decimate(at, net.faces, target_vertices)
+    if guide is None:
         mobile = ~_fixed(net, vertices / spacing)
         vertices = _conserve_volume(vertices, faces, mobile, np.count_nonzero(labels) * float(np.prod(spacing)))
     else:
@@ -91,6 +88,15 @@ def kept_surface(volume: Volume, target_vertices: int = VERTICES) -> Surface:
     """Return `extract_surface`, kept on disk (`base.cache`) until the volume changes."""
     shape = (volume.labels, volume.spacing, volume.origin, volume.axes, volume.outline, target_vertices)
     return Surface(**cached("surface", shape, lambda: vars(extract_surface(volume, target_vertices))))
+
+
+def _guided(volume: Volume, corner: np.ndarray, at: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, Guide | None]:
+    """A net's vertices (s, 3) drawn to the volume's outline, and what draws them; as they are and None without one."""
+    if volume.outline is None or tuple(volume.outline.shape) != volume.labels.shape:
+        return at, None
+    guide = guide_to(volume.outline, corner, volume.spacing, at)
+    drawn = None if guide is None else guide.net(at, faces)
+    return (at, None) if drawn is None else (drawn, guide)
 
 
 def _fixed(net: Net, vertices: np.ndarray) -> np.ndarray:
