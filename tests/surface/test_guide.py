@@ -79,6 +79,16 @@ def test_what_is_in_any_of_several_meshes_is_inside() -> None:
     assert np.sqrt(np.mean(off**2)) < 0.03 * volume.spacing[0]
 
 
+def test_a_core_just_below_the_surface_hides_no_part_of_it() -> None:
+    """Vertices of the net that are below the surface are nearer to the core."""
+    core = trimesh.creation.box((0.04, 0.02, 0.02)).apply_translation([0, 0, 0.0047])
+    boxes = [box.apply_transform(TURN) for box in (trimesh.creation.box((0.06, 0.04, 0.03)), core)]
+    x = made(boxes, 0.002)[1].vertices @ TURN[:3, :3]
+    top = (np.abs(x[:, 0]) < 0.018) & (np.abs(x[:, 1]) < 0.008) & (x[:, 2] > 0.01)
+    assert top.sum() > 100
+    np.testing.assert_allclose(x[top, 2], 0.015, atol=5e-5)
+
+
 @pytest.mark.parametrize("spacing", [(0.002,) * 3, (0.001, 0.001, 0.003)])
 @pytest.mark.parametrize("gap", [0.002, 0.0026])
 def test_what_is_near_another_mesh_is_not_drawn_to_it(gap: float, spacing: tuple[float, float, float]) -> None:
