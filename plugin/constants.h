@@ -169,6 +169,7 @@ inline constexpr double kBoxMargin = 1e-9;  // [m] more than rounding
 inline constexpr double kRoundReach = 5;     // [-] ρ over the vertices' spacing: with 3 a ball hops twice as high
 inline constexpr double kRoundTie = 0.01;    // [ρ] more than what the places that two patches find differ by
 inline constexpr double kRoundStays = 1e-4;  // [ρ] the place has been found
+inline constexpr double kRoundStray = 0.3;   // [ρ] how far the place moves before vertices are looked for again
 inline constexpr int kRoundSamples = 512;    // vertices around it; some hundred are usual
 inline constexpr double kRoundEven = 0.02;   // [1/ρ] a smaller curvature is none
 // [ρ] off the quadric: balls of voxels are by 0.01, on edges by 0.03, and legs that are as wide as ρ by 0.13.

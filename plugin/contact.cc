@@ -326,10 +326,10 @@ void WriteContactRows(const mjModel* m, mjData* d, ContactScratch* scratch, Cont
     if (dents) {
       dents[c] = TouchDents(side, *touch);
       const int s = side[1].body ? 1 : 0, geom = contact.geom[1 - s];
-      const Patch& patch = side[s].body->contact().model().patches[side[s].patch];
       if (geom >= 0) {
         const int body = m->geom_bodyid[geom];
-        dents[c].lift = RollingLift(side[s].body->kinematics(), patch, d, m->opt.timestep, *touch, body);
+        const ContactModel& soft = side[s].body->contact().model();
+        dents[c].lift = RollingLift(side[s].body->kinematics(), soft, side[s].patch, d, m->opt.timestep, *touch, body);
       }
     }
     if (lies) lies[c] = touch->lies;

@@ -405,11 +405,13 @@ std::unique_ptr<const SoftModel> ReadModel(const mjModel* m, int instance, Reade
       contact.field = ReadDistanceField(static_cast<int>(points.size()), contact.patches, reader);
       SetSections(contact.field.Volume(), &contact.patches);
     }
+    const std::vector<Vec3> rest = RestVertices(contact, model->kinematics);
     for (int i = 0; reader->ok() && i < patches; i++) {
       PatchVolume& volume = contact.patches[i].volume;
       if (contact.has_volume) volume = PatchVolume::Create(m, contact, model->kinematics, i);
-      volume.SetCover(contact, model->kinematics, i);
+      volume.SetCover(contact, rest, i);
     }
+    contact.round_spacing = RoundSpacing(contact, rest);
   }
   if (reader->ok() && at_points && reader->Has("region_enlargement")) {
     elastic.enlarges = true;

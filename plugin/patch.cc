@@ -77,30 +77,49 @@ std::vector<int32_t> Walk(const std::vector<Vec3>& vertex, const std::vector<int
   return walk;
 }
 
-// Where a patch's vertices are at rest [m].
-std::vector<Vec3> RestVertices(const Patch& patch, const Kinematics& kinematics) {
-  const size_t n = patch.vertices;
-  std::vector<Vec3> vertex(n);
-  for (size_t s = 0; s < n; s++) {
-    for (size_t a = 0; a < patch.point.size(); a++) {
-      vertex[s] = vertex[s] + patch.weight[a * n + s] * kinematics.points()[patch.point[a]].rest;
-    }
-    for (int c = 0; c < 3 && !patch.offset.empty(); c++) vertex[s][c] += patch.offset[c * n + s];
+// Of the surface at these vertices, in the lattice; the shorter, the less they agree.
+Vec3 MeanNormal(const DistanceField& field, const std::vector<int>& vertices) {
+  Vec3 mean{};
+  for (const int v : vertices) {
+    const Vec3 normal = field.Normal(v);
+    mean = mean + (1 / std::max(mjMINVAL, Norm(normal) * static_cast<double>(vertices.size()))) * normal;
   }
-  return vertex;
+  return mean;
+}
+
+Vec3 Middle(const std::vector<Vec3>& rest, const std::vector<int>& vertices) {
+  Vec3 middle{};
+  for (const int v : vertices) middle = middle + (1.0 / static_cast<double>(vertices.size())) * rest[v];
+  return middle;
+}
+
+// Those of a cluster, and where these are few also the nearest others that face about the same way: of a ball, four in
+// a row are as good as flat.
+std::vector<int> Around(const DistanceField& field, const std::vector<Vec3>& rest, int begin, int count) {
+  std::vector<int> some(count), others;
+  std::iota(some.begin(), some.end(), begin);
+  if (count >= kRoundVertices) return some;
+  const Vec3 out = MeanNormal(field, some), middle = Middle(rest, some);
+  for (int v = 0; v < static_cast<int>(rest.size()); v++) {
+    const Vec3 normal = field.Normal(v);
+    if ((v < begin || v >= begin + count) && Dot(normal, out) > kRoundFacing * Norm(normal)) others.push_back(v);
+  }
+  const auto nearer = [&](int a, int b) { return Norm(rest[a] - middle) < Norm(rest[b] - middle); };
+  const auto more = others.begin() + std::min<ptrdiff_t>(std::ssize(others), 2 * kRoundVertices - count);
+  std::partial_sort(others.begin(), more, others.end(), nearer);
+  some.insert(some.end(), others.begin(), more);
+  return some;
 }
 
 // Whether these vertices are on something smooth and convex, such as a ball or the side of a cylinder: near a
 // paraboloid over their plane. out: about which way they face; shorter the less they agree.
-bool IsRounded(const Vec3* vertex, int count, const Vec3& out, double reach) {
-  if (count < kRoundVertices || !(Norm(out) > kRoundFacing)) return false;
-  const Vec3 normal = (1 / Norm(out)) * out;
+bool IsRounded(const std::vector<Vec3>& rest, const std::vector<int>& vertices, const Vec3& out, double reach) {
+  if (vertices.size() < kRoundVertices || !(Norm(out) > kRoundFacing)) return false;
+  const Vec3 normal = (1 / Norm(out)) * out, middle = Middle(rest, vertices);
   const Tangents tangent(normal);
-  Vec3 middle{};
-  for (int s = 0; s < count; s++) middle = middle + (1.0 / count) * vertex[s];
   Quadric quadric;
-  for (int s = 0; s < count; s++) {
-    const Vec3 offset = (1 / reach) * (vertex[s] - middle);
+  for (const int v : vertices) {
+    const Vec3 offset = (1 / reach) * (rest[v] - middle);
     quadric.Add(Dot(offset, tangent.x), Dot(offset, tangent.y), -Dot(offset, normal), 1);
   }
   if (!quadric.Fit()) return false;
@@ -108,12 +127,12 @@ bool IsRounded(const Vec3* vertex, int count, const Vec3& out, double reach) {
   return quadric.Curvature(1) > -kLeastRound && most > kLeastRound && most < kMostRound && quadric.Roughness() < kRough;
 }
 
-// From each place to the nearest other one, root mean square; `alone` where there is no other [m].
-double Spacing(const std::vector<Vec3>& places, double alone) {
+// From each place to the nearest other one of some, root mean square; `alone` where there is no other [m].
+double Spacing(const std::vector<Vec3>& places, const std::vector<Vec3>& others, double alone) {
   double sum = 0;
   for (const Vec3& place : places) {
     double nearest = mjMAXVAL;
-    for (const Vec3& other : places) {
+    for (const Vec3& other : others) {
       if (const Vec3 offset = other - place; Norm(offset) > 0) nearest = std::min(nearest, Dot(offset, offset));
     }
     sum += nearest < mjMAXVAL ? nearest : alone * alone;
@@ -189,43 +208,68 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
   return volume;
 }
 
-void PatchVolume::SetCover(const ContactModel& contact, const Kinematics& kinematics, int number) {
-  const std::vector<Vec3> own = RestVertices(contact.patches[number], kinematics);
+std::vector<Vec3> RestVertices(const ContactModel& contact, const Kinematics& kinematics) {
+  std::vector<Vec3> vertex;
+  for (const Patch& patch : contact.patches) {
+    const size_t n = patch.vertices, first = vertex.size();
+    vertex.resize(first + n);
+    for (size_t s = 0; s < n; s++) {
+      Vec3& place = vertex[first + s];
+      for (size_t a = 0; a < patch.point.size(); a++) {
+        place = place + patch.weight[a * n + s] * kinematics.points()[patch.point[a]].rest;
+      }
+      for (int c = 0; c < 3 && !patch.offset.empty(); c++) place[c] += patch.offset[c * n + s];
+    }
+  }
+  return vertex;
+}
+
+void PatchVolume::SetCover(const ContactModel& contact, const std::vector<Vec3>& rest, int number) {
+  int vertex = 0;
+  for (int i = 0; i < number; i++) vertex += contact.patches[i].vertices;
+  const std::vector<Vec3> own(rest.begin() + vertex, rest.begin() + vertex + contact.patches[number].vertices);
   walk = Walk(own, contact.patches[number].cluster);
-  spacing = Spacing(own, contact.reach);
+  spacing = Spacing(own, own, contact.reach);
   const DistanceField& field = contact.field;
-  int vertex = first_vertex;
   for (const int size : contact.patches[number].cluster) {
     if (!contact.has_volume) break;
-    Vec3 mean{};
-    for (const int end = vertex + size; vertex < end; vertex++) {
-      const Vec3 normal = field.Normal(vertex);
-      mean = mean + (1 / std::max(mjMINVAL, Norm(normal) * size)) * normal;
-    }
+    const std::vector<int> around = Around(field, rest, vertex, size);
+    const Vec3 mean = MeanNormal(field, around);
     const bool flat = Norm(mean) > kFlatSide;
     facing.push_back(flat ? mean : Vec3{});
-    const Vec3* first = own.data() + (vertex - size - first_vertex);
-    round.push_back(!flat && IsRounded(first, size, Mul(ToMat3(field.axes.data()), mean), contact.reach));
+    round.push_back(!flat && IsRounded(rest, around, Mul(ToMat3(field.axes.data()), mean), contact.reach));
+    vertex += size;
   }
   for (size_t i = 0; i < field.node.size(); i++) {
     if (field.patch[i] != number || std::abs(field.distance[i]) > field.spacing) continue;
     solid |= field.distance[i] < 0;
     const Vec3 place = field.Place(static_cast<int>(i));
     double nearest = mjMAXVAL;
-    for (const Vec3& vertex : own) nearest = std::min(nearest, Norm(vertex - place));
+    for (const Vec3& one : own) nearest = std::min(nearest, Norm(one - place));
     cover = std::max(cover, nearest);
   }
   if (solid) return;
-  std::vector<double> nearest(own.size(), mjMAXVAL);
+  spread = contact.reach;
+  for (const Vec3& one : own) {
+    double nearest = mjMAXVAL;
+    for (const Vec3& other : rest) {
+      if (const double far = Norm(one - other); far > 0) nearest = std::min(nearest, far);
+    }
+    spread = std::max(spread, nearest < mjMAXVAL ? nearest : 0);
+  }
+}
+
+double RoundSpacing(const ContactModel& contact, const std::vector<Vec3>& rest) {
+  std::vector<Vec3> places;
+  auto next = rest.begin();
   for (const Patch& patch : contact.patches) {
-    for (const Vec3& other : RestVertices(patch, kinematics)) {
-      for (size_t s = 0; s < own.size(); s++) {
-        if (const double far = Norm(own[s] - other); far > 0) nearest[s] = std::min(nearest[s], far);
-      }
+    for (size_t c = 0; c < patch.cluster.size(); c++) {
+      const auto end = next + patch.cluster[c];
+      if (c < patch.volume.round.size() && patch.volume.round[c]) places.insert(places.end(), next, end);
+      next = end;
     }
   }
-  spread = contact.reach;
-  for (const double far : nearest) spread = std::max(spread, far < mjMAXVAL ? far : 0);
+  return places.empty() ? 0 : Spacing(places, rest, contact.reach);
 }
 
 Mat3 PatchVolume::SlopeOf(const Vec3* x) const {

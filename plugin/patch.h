@@ -64,8 +64,8 @@ struct PatchVolume {
   // x: where the control points are in the world, by control point [m].
   PatchPose Pose(const DistanceField& field, const Vec3* x) const;
 
-  // How far apart its vertices are, which are neighbours, and whether it has material between them.
-  void SetCover(const ContactModel& contact, const Kinematics& kinematics, int patch);
+  // How far apart its vertices are, which are neighbours, and whether it has material between them. rest: RestVertices.
+  void SetCover(const ContactModel& contact, const std::vector<Vec3>& rest, int patch);
 
   // Σ_j x_j g_jᵀ, of positions or velocities of the control points.
   Mat3 SlopeOf(const Vec3* x) const;
@@ -128,6 +128,7 @@ struct Patch {
 // What of a soft body touches; never changes.
 struct ContactModel {
   double reach = 0;  // what is higher than its cluster's deepest by this or more has no share in the contact [m]
+  double round_spacing = 0;  // of the vertices of round clusters: the same for all patches [m]
   std::vector<Patch> patches;
   // Whether the deformed volume is known: not with point frames, whose patches touch rigid geoms with their vertices
   // only.
@@ -139,6 +140,12 @@ struct ContactModel {
   // What small is to the body [m]: a cube of the lattice, if it has one.
   double resolution() const { return has_volume ? field.spacing : reach; }
 };
+
+// From each vertex of a round cluster to the nearest other one of the body, root mean square [m]; 0 without any.
+double RoundSpacing(const ContactModel& contact, const std::vector<Vec3>& rest);
+
+// Where the vertices of all patches are at rest, one patch after the other [m].
+std::vector<Vec3> RestVertices(const ContactModel& contact, const Kinematics& kinematics);
 
 }  // namespace mjframes
 

@@ -18,27 +18,36 @@ struct Sample {
   bool round, own;  // whether its cluster is round, and of the patch
 };
 
-// The vertices of the body within 2 ρ of a place.
+// The vertices of the body around a place, as far as (1 + kRoundStray) ρ.
 struct Samples {
-  Samples(const GeomQuery& query, const Placed& soft, const Vec3& place, double rho) {
+  // False where there are too many.
+  bool Gather(const GeomQuery& query, const Placed& soft, const Vec3& place, double rho) {
     const std::vector<Patch>& patches = soft.deformed.contact().patches;
+    const double reach = (1 + kRoundStray) * rho;
+    middle = place;
+    count = 0;
     for (int k = 0; k < static_cast<int>(patches.size()); k++) {
       const AlignedBox& box = soft.state->VertexBox(k);
       Vec3 off;
       for (int i = 0; i < 3; i++) off[i] = std::max(0.0, std::abs(place[i] - box.centre[i]) - box.half[i]);
-      if (Dot(off, off) > 4 * rho * rho) continue;
+      if (Dot(off, off) > reach * reach) continue;
       const double* vertices = soft.state->Vertices(k);
       int s = 0;
       for (size_t c = 0; c < patches[k].cluster.size(); c++) {
         const bool round = patches[k].volume.round[c];
         for (const int end = s + patches[k].cluster[c]; s < end; s++) {
           const Vec3 p = Vertex(vertices, patches[k].vertices, s), offset = p - place;
-          if (count == kRoundSamples || !(Dot(offset, offset) < 4 * rho * rho)) continue;
+          if (!(Dot(offset, offset) < reach * reach)) continue;
+          if (count == kRoundSamples) return false;
           all[count++] = {p, query.Distance(p, nullptr), round, round && k == soft.number};
         }
       }
     }
+    return true;
   }
+
+  // Whether all within ρ of a place are there.
+  bool Cover(const Vec3& place, double rho) const { return Norm(place - middle) < kRoundStray * rho; }
 
   // Whether the nearest round one to a place is the patch's, or nearly so.
   bool AreOwn(const Vec3& place, double rho) const {
@@ -69,6 +78,7 @@ struct Samples {
     return total > 0 ? std::min(1.0, 2 * round / total) : 0;
   }
 
+  Vec3 middle;
   Sample all[kRoundSamples];
   int count = 0;
 };
@@ -93,16 +103,18 @@ double Rolls(const Mat3& slope) {
 
 }  // namespace
 
-double RoundReach(const Patch& patch) { return kRoundReach * patch.volume.spacing; }
+double RoundReach(const ContactModel& contact) { return kRoundReach * contact.round_spacing; }
 
 RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& start, const Vec3& xi, Touch* out) {
-  const Patch& patch = soft.deformed.patch();
   *out = {0, {}, {}, -1, 0, 0, 0, 0, xi};
-  const double rho = RoundReach(patch);
-  const Samples samples(query, soft, start, rho);
+  const ContactModel& contact = soft.deformed.contact();
+  const double rho = RoundReach(contact);
   Vec3 place = start;
+  Samples samples;
+  if (!samples.Gather(query, soft, place, rho)) return {place};
   double curvature = 0, rough = 0;
-  for (int i = 0; i < kRoundSteps && Norm(place - start) < rho; i++) {
+  for (int i = 0; i < kRoundSteps; i++) {
+    if (!samples.Cover(place, rho) && !samples.Gather(query, soft, place, rho)) return {place};
     const double distance = query.Distance(place, &out->normal);
     const Tangents tangent(out->normal);
     Quadric fit = FitAround(samples, place, tangent, rho);
@@ -131,7 +143,7 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   found.own = samples.AreOwn(place, rho);
   out->normal = query.Normal(place);
   out->position = place - 0.5 * out->distance * out->normal;
-  const double widest = kWidest * patch.volume.spacing;
+  const double widest = kWidest * contact.round_spacing;
   const double radius = std::sqrt(std::max(0.0, -out->distance) / std::max(curvature, mjMINVAL));
   const double uneven = std::clamp((rough - kSmooth) / (kUneven - kSmooth), 0.0, 1.0);
   found.wide = std::max({std::clamp(radius / widest - 1, 0.0, 1.0), 1 - samples.Roundness(place, rho), uneven});
@@ -139,10 +151,10 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   return found;
 }
 
-double RollingLift(const Kinematics& kinematics, const Patch& patch, const mjData* d, double timestep,
-                   const Touch& touch, int body) {
+double RollingLift(const Kinematics& kinematics, const ContactModel& contact, int patch, const mjData* d,
+                   double timestep, const Touch& touch, int body) {
   if (!(touch.radius[0] > 0 || touch.radius[1] > 0)) return 0;
-  const PatchVolume& volume = patch.volume;
+  const PatchVolume& volume = contact.patches[patch].volume;
   const Mat3 slope = volume.SlopeOf(kinematics.x().data()), slope_rate = volume.SlopeOf(kinematics.v().data());
   const double rolls = Rolls(slope);
   if (rolls == 0) return 0;
@@ -152,7 +164,7 @@ double RollingLift(const Kinematics& kinematics, const Patch& patch, const mjDat
   const Vec3 turn = turned + Cross(ToVec3(d->cvel + 6 * static_cast<ptrdiff_t>(body)), touch.normal);
   const Vec3 axis = {touch.axis[0], touch.axis[1], touch.axis[2]};
   const double rate[2] = {Dot(axis, turn), Dot(Cross(touch.normal, axis), turn)};
-  const double fastest = RoundReach(patch) / timestep;
+  const double fastest = RoundReach(contact) / timestep;
   double lift = 0;
   for (int a = 0; a < 2; a++) {
     const double speed = touch.radius[a] * std::abs(rate[a]);

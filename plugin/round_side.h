@@ -5,8 +5,9 @@
 //
 //   f(u) ≈ h + g·u + ½ uᵀ H u,   with weights (1 − r²/ρ²)²
 //
-// and the place moves by −H⁻¹ g until it stays. Patches find the same place from the same vertices; the contact is that
-// of the patch with the nearest round one, or of two patches midway. Two places nearer than ρ fade into one.
+// and the place moves by −H⁻¹ g until it stays. ρ is the same all over the body, so patches find the same place from
+// the same vertices; the contact is that of the patch with the nearest round one, or of two patches midway. Two places
+// nearer than ρ fade into one.
 //
 // Clusters touch instead where what is pressed, a circle of radius a = √(d/κ), is wider than some vertices, and where
 // the surface around is not round, or no quadric fits it, as on parts thinner than ρ: the depth of the one contact has
@@ -39,14 +40,14 @@ struct RoundPlace {
 };
 
 // ρ, how far around a place the quadric is fitted [m].
-double RoundReach(const Patch& patch);
+double RoundReach(const ContactModel& contact);
 
 // Where the side touches the geom, with the normal out of that; it is looked for from a place on, which xi is at.
 RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& start, const Vec3& xi, Touch* out);
 
 // Ṅᵀ H⁻¹ Ṅ at such a touch [m/s²]; 0 at others. body: which has the geom.
-double RollingLift(const Kinematics& kinematics, const Patch& patch, const mjData* d, double timestep,
-                   const Touch& touch, int body);
+double RollingLift(const Kinematics& kinematics, const ContactModel& contact, int patch, const mjData* d,
+                   double timestep, const Touch& touch, int body);
 
 }  // namespace mjframes
 

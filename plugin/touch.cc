@@ -175,7 +175,7 @@ double AddRoundSide(const Placed& soft, const GeomQuery& other, const double* sh
                     RoundPlaces* found, Touch* out, int* count) {
   const Patch& patch = soft.deformed.patch();
   const double* vertices = soft.state->Vertices(soft.number);
-  const double rho = RoundReach(patch);
+  const double rho = RoundReach(soft.deformed.contact());
   const auto left = [](const RoundPlace& one) { return one.wide * (2 - one.wide); };
   Vec3 start{}, xi{};
   for (int s = begin; s < end; s++) {
