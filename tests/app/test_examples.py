@@ -49,6 +49,7 @@ def test_steak_leaves_film_plot_and_log(tmp_path: Path) -> None:
     assert (tmp_path / "steak.mcap").stat().st_size < 600_000  # [bytes]
 
 
+@pytest.mark.slow
 def test_pulling_the_quadriceps_lifts_the_tibia(tmp_path: Path) -> None:
     found = knee.run(tmp_path)
     shown = picture(tmp_path / "knee.png")

@@ -531,6 +531,7 @@ def test_a_log_of_a_second_is_small(ball: tuple[mujoco.MjModel, Path]) -> None:
     assert files[f"{SCENE}.xz"] < 0.4 * len(read_log(folder / "a.mcap").files[SCENE])
 
 
+@pytest.mark.slow
 def test_logged_skins_are_near_and_closed(ball: tuple[mujoco.MjModel, Path]) -> None:
     """Of the state that was logged with them: every vertex of a skin is near one of the triangles drawn for it."""
     model, folder = ball
@@ -557,6 +558,7 @@ def test_logged_skins_are_near_and_closed(ball: tuple[mujoco.MjModel, Path]) -> 
         assert sorted(edges) == sorted((b, a) for a, b in edges)  # each once in either direction: no hole, no gap
 
 
+@pytest.mark.slow
 def test_a_soft_bodys_film_is_again_the_same(ball: tuple[mujoco.MjModel, Path], tmp_path: Path) -> None:
     film_of(read_log(ball[1] / "a.mcap"), tmp_path / "b.mp4", size=(96, 64))
     one, other = (list(pictures_of(path)) for path in (ball[1] / "a.mp4", tmp_path / "b.mp4"))

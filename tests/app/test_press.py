@@ -80,6 +80,7 @@ def test_a_ball_is_pressed_beside_hertz(tmp_path: Path) -> None:
     assert found.notes[1].startswith("the contact is stiffer than Hertz says")
 
 
+@pytest.mark.slow
 def test_the_surface_of_a_soft_ball_counts_with_its_curvature(tmp_path: Path) -> None:
     center = (np.arange(20) + 0.5) * 0.004 - 0.04
     inside = (np.stack(np.meshgrid(center, center, center, indexing="ij")) ** 2).sum(axis=0) < 0.04**2

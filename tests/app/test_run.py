@@ -240,6 +240,7 @@ def test_soft_bodies_are_logged_and_their_energy_never_grows(tmp_path: Path) -> 
     assert recording.energy_gain < 1e-3 * np.ptp(recording.energy)
 
 
+@pytest.mark.slow
 def test_contact_forces_are_told_body_by_body(tmp_path: Path) -> None:
     """A soft block on another, and a rigid box beside them, each with its own curve; in the log as well."""
     slab, small = block((8, 8, 3), 0.01, 1000, beta=0.01), block((4, 4, 3), 0.01, 2000, beta=0.01)

@@ -162,8 +162,15 @@ def test_a_body_that_grows_is_told_of() -> None:
     ]
 
 
-@pytest.mark.parametrize("law", ["corotational", "neo_hookean"])
-@pytest.mark.parametrize("method", ["whole_body", "paper"])
+@pytest.mark.parametrize(
+    ("method", "law"),
+    [
+        ("whole_body", "corotational"),
+        pytest.param("whole_body", "neo_hookean", marks=pytest.mark.slow),
+        pytest.param("paper", "corotational", marks=pytest.mark.slow),
+        ("paper", "neo_hookean"),
+    ],
+)
 def test_what_stays_folded_is_told_of_and_what_unfolds_is_not(law: str, method: str) -> None:
     made = bar(law=law, method=method)
     model, data = compiled(SPACE.format(timestep=0.01), (made, (0, 0, 0), TILTED), contact=False)
@@ -189,7 +196,7 @@ def test_what_stays_folded_is_told_of_and_what_unfolds_is_not(law: str, method: 
     assert said(lambda: look(2.0, inside_out), "folded") == []
 
 
-@pytest.mark.parametrize("method", ["whole_body", "paper"])
+@pytest.mark.parametrize("method", ["whole_body", pytest.param("paper", marks=pytest.mark.slow)])
 def test_who_reads_a_body_is_told_once_that_it_is_too_large_or_folded_over(method: str) -> None:
     model, data = compiled(SPACE.format(timestep=0.002), (bar(method=method), (0, 0, 0), TILTED), contact=False)
     view = soft(model, data, "soft0")

@@ -31,6 +31,7 @@ def die(seed: int) -> Report:
     os._exit(seed + 1)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(abuse, "program", die)
     assert abuse.main(["30", "--seed", "7"]) == 1

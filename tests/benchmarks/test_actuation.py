@@ -134,6 +134,7 @@ def test_the_table_in_the_clone_has_what_the_command_measures() -> None:
         assert float(row["force"]) == pytest.approx(force)
 
 
+@pytest.mark.slow
 def test_a_tiny_case_of_the_command() -> None:
     """The muscle that is a whole body, coarser: what is printed is σ/E."""
     case = actuation.muscle_case("muscle", 2, upper=False)

@@ -54,6 +54,7 @@ def invented(frames: int, scene: str, contender: str, step: float, body: str = S
     return Speed(body, frames, scene, contender, 12 * frames, 5.0, 1.0, step)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("uncached")
 def test_builds_are_timed_by_stage(slab: Volume) -> None:
     sizes = [SIZE, bench.Size(3), bench.Size(3, 4)]

@@ -33,7 +33,7 @@ def outcomes(kinds: Sequence[str], young: Sequence[float], steps: Sequence[float
     ("kind", "young"),
     [
         ("corotational", 1e6),
-        ("mixed frames", 1e12),
+        pytest.param("mixed frames", 1e12, marks=pytest.mark.slow),
         pytest.param("the paper's method", 1e6, marks=pytest.mark.slow),
         pytest.param("corotational", 1e12, marks=pytest.mark.slow),
     ],
@@ -85,6 +85,7 @@ def test_impacts_and_weights_give_no_motion(kind: str) -> None:
         assert some.motion < 1.02, some
 
 
+@pytest.mark.slow
 def test_an_impact_on_something_soft_gives_no_motion() -> None:
     soft = outcomes(["corotational"], [1e3], [1e-4], (IMPACT,))[0]
     assert soft.recovers
@@ -158,6 +159,7 @@ def test_every_case_has_a_state_of_its_own() -> None:
     assert set(few_cases()) <= set(cases)
 
 
+@pytest.mark.slow
 def test_command_prints_and_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -80,6 +80,7 @@ def test_a_stout_soft_bar_gains_nothing(motion: str) -> None:
     assert gain.moved > 0
 
 
+@pytest.mark.slow
 def test_a_force_that_is_no_gradient_is_seen_in_free_motion() -> None:
     body = made()  # MuJoCo loads no plugin while it is stirred
     with stirred(50.0):
@@ -149,7 +150,11 @@ def test_a_stout_bar_returns_from_every_start(start: str) -> None:
     assert recovery.recovers(some, start, 0, rate) < recovery.BACK
 
 
-@pytest.mark.parametrize("number", [0, 1, 5], ids=["tray", "bracket", "tree"])
+@pytest.mark.parametrize(
+    "number",
+    [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow)],
+    ids=["tray", "bracket", "tree"],
+)
 @pytest.mark.parametrize("start", ["to a plane", pytest.param("inside out", marks=pytest.mark.slow)])
 def test_thin_and_branching_bodies_return(number: int, start: str) -> None:
     # without the pairs' energy 0.28, 0.27 and 0.37 of their sizes were left
@@ -175,13 +180,13 @@ def test_a_clamped_strip_makes_no_energy_under_its_weight(frame_type: str) -> No
 @pytest.mark.parametrize(
     ("number", "motion", "timestep", "run_number"),
     [
-        (29, "squeezed", 2e-3, 0),
-        (30, "squeezed", 2e-3, 0),
+        pytest.param(29, "squeezed", 2e-3, 0, marks=pytest.mark.slow),
+        pytest.param(30, "squeezed", 2e-3, 0, marks=pytest.mark.slow),
         (30, "dropped", 5e-3, 2),
-        (35, "dropped", 2e-3, 2),
+        pytest.param(35, "dropped", 2e-3, 2, marks=pytest.mark.slow),
         (35, "dropped", 5e-3, 1),
-        (21, "dropped", 2e-3, 104),
-        (21, "dropped", 5e-3, 101),
+        pytest.param(21, "dropped", 2e-3, 104, marks=pytest.mark.slow),
+        pytest.param(21, "dropped", 5e-3, 101, marks=pytest.mark.slow),
         (25, "dropped", 5e-3, 100),
     ],
     ids=[
@@ -203,7 +208,10 @@ def test_parts_that_turn_fast_make_no_energy(number: int, motion: str, timestep:
     assert gain.worst < motions.LIMIT, gain
 
 
-@pytest.mark.parametrize(("number", "timestep", "run_number"), [(30, 5e-3, 2), (35, 2e-3, 2), (21, 2e-3, 4)])
+@pytest.mark.parametrize(
+    ("number", "timestep", "run_number"),
+    [(30, 5e-3, 2), (35, 2e-3, 2), pytest.param(21, 2e-3, 4, marks=pytest.mark.slow)],
+)
 def test_under_elliptic_cones_they_make_none_either(
     number: int, timestep: float, run_number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,6 +238,7 @@ def test_hyperelastic_parts_that_turn_fast_make_no_energy(law: str, timestep: fl
     assert gain.worst < motions.LIMIT, gain
 
 
+@pytest.mark.slow
 def test_thin_hyperelastic_plates_that_spin_make_no_energy() -> None:
     # 0.03 in motion, and 5.2 in all, where a step aimed at the law's stress at its end: that bends them
     subject = subjects(23, 11, ["mooney_rivlin"], meshes=False)[-1]
@@ -245,6 +254,7 @@ def test_laws_at_quadrature_points_make_no_energy() -> None:
     assert gain.worst < motions.LIMIT, gain
 
 
+@pytest.mark.slow
 def test_a_crushed_round_side_does_not_roll_away() -> None:
     # its flattened material turned by thousands of radians a second: 2,000 times the energy of the fall
     seed = drawn_subject(31).seed
@@ -263,7 +273,11 @@ def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) ->
 @pytest.mark.parametrize(
     "cone", [mujoco.mjtCone.mjCONE_PYRAMIDAL, pytest.param(mujoco.mjtCone.mjCONE_ELLIPTIC, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize(("number", "run_number"), [(10, 2), (24, 0), (15, 0)], ids=["box", "softer box", "bracket"])
+@pytest.mark.parametrize(
+    ("number", "run_number"),
+    [(10, 2), pytest.param(24, 0, marks=pytest.mark.slow), (15, 0)],
+    ids=["box", "softer box", "bracket"],
+)
 def test_dents_give_back_no_more_than_they_took(
     number: int, run_number: int, cone: mujoco.mjtCone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -326,7 +340,9 @@ def test_what_falls_on_the_floor_comes_to_rest() -> None:
     assert recovery.rests(made(), 0) < recovery.STILL
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    "shape", [pytest.param(shape, marks=[pytest.mark.slow] if shape == "helix" else []) for shape in SHAPES]
+)
 def test_shapes_are_one_piece_of_some_thousand_voxels(shape: str) -> None:
     for seed in range(2):
         inside = drawn(shape, seed)
@@ -348,6 +364,7 @@ def test_bodies_are_drawn_from_their_seed() -> None:
     assert set(np.unique(two.volume().labels)) == {0, 1, 2}
 
 
+@pytest.mark.slow
 def test_a_body_is_measured_and_told_of(tmp_path: Path) -> None:
     stout = Subject("blob", "blob", 0, 0.1, 1e5, 0.4, 1.0, 3)
     found = measured(Job(stout, QUICK))

@@ -279,6 +279,7 @@ def test_models_of_the_paper_have_stand_ins():
         models.volume_of("steak", {"steak": "steak.stl"})
 
 
+@pytest.mark.slow
 @pytest.mark.dm_control
 def test_the_rat_is_dm_controls_rodent(monkeypatch):
     pytest.importorskip("dm_control")

@@ -117,6 +117,7 @@ def test_surfaces_hang_on_the_control_points(make) -> None:
         np.testing.assert_allclose(weights @ body.control.rest, points, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_skin_has_as_many_vertices_as_asked_for_and_touches_the_same() -> None:
     volume = Volume.sphere(0.03, SOFT, 0.0015)
     plain, coarse, fine = (build(volume, 1, skin_vertices=count) for count in (None, 400, 6000))

@@ -37,6 +37,7 @@ def test_the_steak_is_the_models() -> None:
     assert Path(lift.__file__).with_name("steak.npz").read_bytes() == (models / "steak.npz").read_bytes()
 
 
+@pytest.mark.slow
 def test_observations_of_the_task_are_gymnasiums() -> None:
     pytest.importorskip("gymnasium")
     from mjframes.envs import LiftSteak
@@ -73,7 +74,7 @@ def test_random_episodes_neither_warn_nor_fail(task: str, steps: int) -> None:
     assert (found.steps, found.warnings, found.infinite, found.failed) == (3 * steps, {}, 0, 0)
 
 
-@pytest.mark.parametrize("task", ["lift_steak_features", "run_bare_rat_features"])
+@pytest.mark.parametrize("task", [pytest.param("lift_steak_features", marks=pytest.mark.slow), "run_bare_rat_features"])
 def test_the_seed_decides_how_an_episode_starts(task: str) -> None:
     starts = []
     for seed in (5, 5, 6):

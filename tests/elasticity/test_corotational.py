@@ -86,6 +86,11 @@ def test_energy_is_the_least_over_all_rotations(solids: list[CorotationalRegion]
             assert min(solid._energy(z @ R)[0] for R in others) > least * (1 - 1e-9)
 
 
+@pytest.mark.parametrize(
+    "solids",
+    [pytest.param(name, marks=[] if name == "lump" else [pytest.mark.slow]) for name in BODIES if name != "point"],
+    indirect=True,
+)
 def test_energy_does_not_jump(solids: list[CorotationalRegion]) -> None:
     """Along a way through flat and mirrored states it changes by no more than forces explain."""
     for solid in solids:
@@ -132,6 +137,11 @@ def test_stiffness_is_the_hessian_at_rest(regions: list[CorotationalRegion]) -> 
             assert np.abs(change + stiffness @ along.ravel()).max() < 1e-6 * np.abs(change).max()
 
 
+@pytest.mark.parametrize(
+    "regions",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in ("quadratic", str(MIXED)) else []) for name in BODIES],
+    indirect=True,
+)
 def test_energy_and_force_turn_with_the_body(regions: list[CorotationalRegion]) -> None:
     for region in regions:
         rng = np.random.default_rng(4)

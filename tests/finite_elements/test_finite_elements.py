@@ -372,6 +372,7 @@ def sized(monkeypatch: pytest.MonkeyPatch, grid: Grid, held: list[np.ndarray], c
     return solved(grid, *held)
 
 
+@pytest.mark.slow
 def test_large_bodies_are_solved_for_fewer_columns_at_a_time(monkeypatch):
     grid, held = BODIES["two pieces"]()
     usual, some = body("two pieces"), sized(monkeypatch, grid, held, 4)

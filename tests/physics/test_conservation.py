@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from itertools import product
 from pathlib import Path
 
 import mujoco
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from builders.pictures import picture, share
 from builders.scenes import TILTED, compiled, in_space, move_points
-from builders.tiers import thinned
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.check import cases
@@ -25,7 +23,8 @@ from mjframes.volume.volume import Volume
 
 HALF_TURNS = np.pi * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0.8, 0], [0.6, 0, -0.8]])
 ORDERS = {"Euler": 1, "RK4": 4}
-FLOWN = thinned(product(flight.LAWS), 2)
+QUICK = ("corotational", "neo_hookean")
+FLOWN = [pytest.param(law, marks=[] if law in QUICK else [pytest.mark.slow]) for law in flight.LAWS]
 
 
 @pytest.mark.parametrize("law", flight.LAWS)
@@ -122,7 +121,7 @@ def test_rigid_frames_converge_as_balls_are_integrated() -> None:
         assert rest.max() < 1e-6
 
 
-@pytest.mark.parametrize("laws", [flight.LAWS[::2], pytest.param(flight.LAWS, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("laws", [QUICK, pytest.param(flight.LAWS, marks=pytest.mark.slow)])
 def test_the_example_draws_all_of_them(laws: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flight, "fly", flown)
     monkeypatch.setattr(flight, "LAWS", laws)

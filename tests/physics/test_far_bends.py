@@ -91,6 +91,7 @@ def hanging_flap(frames: int | None, frame_type: str = "affine") -> tuple[mf.Sof
     return body, sunk(body, (0.2999, 0.06, 0.004)) / whole
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:frames are not given")
 def test_a_thin_flap_with_default_frames_sinks_as_the_elastica_does() -> None:
     body, reached = hanging_flap(None)
@@ -107,7 +108,14 @@ def test_a_rigid_frame_does_not_become_shorter() -> None:
 
 @pytest.mark.parametrize(
     ("frames", "way", "told"),
-    [(1, 0.37, 0.71), (2, 0.60, 0.47), (3, 0.83, 0.31), (4, 0.64, 0.43), (6, 0.97, 0.15), (10, 0.98, 0.06)],
+    [
+        (1, 0.37, 0.71),
+        (2, 0.60, 0.47),
+        (3, 0.83, 0.31),
+        (4, 0.64, 0.43),
+        pytest.param(6, 0.97, 0.15, marks=pytest.mark.slow),
+        pytest.param(10, 0.98, 0.06, marks=pytest.mark.slow),
+    ],
 )
 def test_the_error_in_far_bends_is_told(frames: int, way: float, told: float) -> None:
     """The table of docs/accuracy.md: never less than is missing, and up to four frames at most twice as much."""

@@ -22,6 +22,7 @@ def test_the_peach_comes_along(scene: tuple[mujoco.MjModel, mf.SoftBody]) -> Non
     assert not any(warning.number for warning in found.data.warning)
 
 
+@pytest.mark.slow
 def test_without_friction_it_stays(scene: tuple[mujoco.MjModel, mf.SoftBody]) -> None:
     model = scene[0].__copy__()
     model.geom_friction[:, 0] = 0.02

@@ -113,7 +113,7 @@ def simulators_matrices(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.
     return held[0] - 1e-6 * stiffness, stiffness
 
 
-@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45])
+@pytest.mark.parametrize("poisson", [0.0, pytest.param(0.3, marks=pytest.mark.slow), 0.45])
 def test_frequencies_of_the_free_bar(poisson: float) -> None:
     body = bar(poisson)
     model, data = compiled(WEIGHTLESS, (body, (0, 0, 0), (1, 0, 0, 0)), contact=False)

@@ -31,6 +31,7 @@ from mjframes.elasticity.law_table import LAWS
 from mjframes.scene.view import soft
 
 METHODS = ("whole_body", "paper")
+QUICK = {("green_lagrange", "paper"), *product(["mooney_rivlin"], METHODS)}
 
 
 @cache
@@ -41,8 +42,10 @@ def body(law: str, method: str) -> SoftBody:
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("law", thinned(product(LAWS), 2))
+@pytest.mark.parametrize(
+    ("law", "method"),
+    [pytest.param(*case, marks=[] if case in QUICK else [pytest.mark.slow]) for case in product(LAWS, METHODS)],
+)
 def test_force_and_inertia_are_those_of_the_implicit_step(law: str, method: str) -> None:
     check_implicit_step(*in_space(body(law, method)), np.random.default_rng(0), angle=0.5, rtol=1e-9)
 

@@ -19,6 +19,7 @@ SMALL = 0.01  # of the drawn motions
 BAR = (0.8, 0.6, 0.55)  # its colour
 
 
+@pytest.mark.slow
 def test_each_mode_costs_energy(tmp_path: Path) -> None:
     energies = modes.run(tmp_path)
     rows = np.array_split(picture(tmp_path / "modes.png"), 2)

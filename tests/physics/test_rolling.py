@@ -66,6 +66,7 @@ def test_rolling_friction_stops_a_ball(friction: float, least: float, most: floa
     assert least < way < most
 
 
+@pytest.mark.slow
 def test_a_round_side_touches_as_soon_as_it_is_there() -> None:
     """It touched once a vertex did, when the surface between was 0.06 mm below the ground, and 0.3 mm at narrower ends:
     bodies that stood on these jumped for ever.

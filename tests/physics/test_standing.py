@@ -64,7 +64,10 @@ def test_a_block_that_falls_flat_stays_near() -> None:
     assert np.abs(data.qvel).max() < 1e-5
 
 
-@pytest.mark.parametrize(("count", "young"), [(3, 5e4), (3, 1e7), pytest.param(5, 1e6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("count", "young"),
+    [(3, 5e4), pytest.param(3, 1e7, marks=pytest.mark.slow), pytest.param(5, 1e6, marks=pytest.mark.slow)],
+)
 def test_aligned_blocks_stand(count: int, young: float) -> None:
     body = block((8, 6, 4), 0.01, young, 3)
     placed = ((body, (0, 0, 0.0402 * i + 2e-4), UPRIGHT) for i in range(count))
@@ -142,7 +145,7 @@ def test_a_cube_stands_on_a_slope_and_tips_on_a_steep_one(voxels: int, degrees: 
     assert (highest < 5e-3) == stands
 
 
-@pytest.mark.parametrize("timestep", [0.001, 0.002, 0.004])
+@pytest.mark.parametrize("timestep", [pytest.param(0.001, marks=pytest.mark.slow), 0.002, 0.004])
 @pytest.mark.parametrize(("size", "frames"), [((0.08, 0.08, 0.08), 8), ((0.08, 0.06, 0.04), 16)])
 def test_a_block_comes_to_rest_at_any_step(size: tuple[float, float, float], frames: int, timestep: float) -> None:
     """Its bulging base lifts the corners a little: contacts that jumped to them shook it by 1 cm/s for ever."""

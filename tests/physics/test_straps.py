@@ -36,6 +36,7 @@ def pulled(model: mujoco.MjModel, data: mujoco.MjData, force: float) -> None:
     mujoco.mj_step(model, data, 1500)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mjframes.BranchWarning")
 def test_a_strap_that_is_pulled_stays_straight() -> None:
     _, model, data = strap(HINGE, 0)

@@ -103,7 +103,11 @@ def pressed(view: Soft) -> bool:
 
 @pytest.mark.parametrize(
     "how",
-    [{}, pytest.param({"mirrored": True}, marks=pytest.mark.slow), {"over": True}],
+    [
+        {},
+        pytest.param({"mirrored": True}, marks=pytest.mark.slow),
+        pytest.param({"over": True}, marks=pytest.mark.slow),
+    ],
     ids=["bent", "mirrored", "turned over"],
 )
 def test_force_and_inertia_are_those_of_the_implicit_step(body: SoftBody, how: dict[str, bool]) -> None:

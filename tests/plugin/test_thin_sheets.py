@@ -26,7 +26,9 @@ SHAPES = {
 POSES = 40
 
 
-@pytest.mark.parametrize("sheet", SHEETS)
+@pytest.mark.parametrize(
+    "sheet", [pytest.param(sheet, marks=[pytest.mark.slow] if sheet == "of 5 mm" else []) for sheet in SHEETS]
+)
 def test_they_are_pushed_back_by_whatever_is_in_them(sheet: str) -> None:
     """Corners that were 2 mm deep were pushed out on the other side, and of 5 mm none was felt."""
     extent, spacing = SHEETS[sheet]

@@ -73,7 +73,14 @@ def test_forces_of_second_order_are_those_of_the_corotational_energy(elements: E
     assert np.abs(found - even).max() < 1e-5 * np.abs(even).max()
 
 
-@pytest.mark.parametrize(("frames", "types"), [(5, "affine"), (10, "affine"), (3, "quadratic")])
+@pytest.mark.parametrize(
+    ("frames", "types"),
+    [
+        (5, "affine"),
+        pytest.param(10, "affine", marks=pytest.mark.slow),
+        pytest.param(3, "quadratic", marks=pytest.mark.slow),
+    ],
+)
 def test_frames_come_where_elements_of_second_order_go(walls: growth.Walls, frames: int, types: str) -> None:
     """Of the ways under p and −p half the sum is p² x₂; without growth it is another one."""
     elements = Elements(hollow_body(frames, types=types))

@@ -113,6 +113,7 @@ def test_rollouts_in_threads_are_equal_to_a_loop() -> None:
     np.testing.assert_array_equal(found[:, -1], expected)
 
 
+@pytest.mark.slow
 @pytest.mark.dm_control
 def test_dm_control_steps_to_the_same_bits() -> None:
     from dm_control import mujoco as dm_mujoco
@@ -126,6 +127,7 @@ def test_dm_control_steps_to_the_same_bits() -> None:
     assert physics.named.data.xpos["soft0:3"].shape == (3,)
 
 
+@pytest.mark.slow
 @pytest.mark.dm_control
 def test_pymjcf_reads_soft_bodies_where_they_were_put(tmp_path: Path) -> None:
     from dm_control import mjcf

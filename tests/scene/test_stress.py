@@ -60,8 +60,8 @@ def pulled(frames: int | None, spacing: float, ratio: float, law: str) -> tuple[
     [
         (None, 0.005, 1, "corotational", 0.12),
         (2, 0.005, 1, "corotational", 0.12),
-        (None, 0.0025, 1, "corotational", 0.12),
-        (None, 0.005, 4, "corotational", 0.15),
+        pytest.param(None, 0.0025, 1, "corotational", 0.12, marks=pytest.mark.slow),
+        pytest.param(None, 0.005, 4, "corotational", 0.15, marks=pytest.mark.slow),
         pytest.param(None, 0.005, 100, "corotational", 0.25, marks=pytest.mark.slow),
         (None, 0.005, 1, "neo_hookean", 0.15),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import cache
 
 import mujoco
@@ -183,6 +182,7 @@ def test_a_part_of_a_map_feels_what_the_whole_feels_there(shape: str, taxel: flo
         assert pressures(1, 1, size=0.0004)[0, 0] == pytest.approx(whole[7:9, 7:9].mean(), rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_presses_beside_the_taxels_is_left_out() -> None:
     half = [pressed("box", 10.0, False, grid(0.005, (8, 8), (x, 0.05, THICK)))[1] for x in (0.03, 0.05, 0.07)]
     share = [-float(read(data, "resultant")[0, 2] / 10) for data in half]
@@ -380,7 +380,15 @@ def test_too_little_memory_is_told_and_the_sum_stays() -> None:
     np.testing.assert_allclose(read(data, "resultant")[0], total, atol=1e-10)
 
 
-@pytest.mark.parametrize(("dents", "offset"), itertools.product((False, True), (0.0, 0.005)))
+@pytest.mark.parametrize(
+    ("dents", "offset"),
+    [
+        pytest.param(False, 0.0, marks=pytest.mark.slow),
+        (False, 0.005),
+        (True, 0.0),
+        pytest.param(True, 0.005, marks=pytest.mark.slow),
+    ],
+)
 def test_what_lies_freely_presses_below_its_centre_of_mass(dents: bool, offset: float) -> None:
     spec = feeling(pad(), grid(), mf.Contact(dents=dents), gravity=True)
     body = spec.worldbody.add_body(name="object", pos=(*TOP[:2], THICK + 0.02), explicitinertial=True)

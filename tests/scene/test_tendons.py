@@ -406,6 +406,7 @@ def test_a_lid_closes_an_opening() -> None:
     assert data.ten_length[0] == pytest.approx(9 * 9 * SPACING**3, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_cable_of_few_stops_is_a_bowstring() -> None:
     """Tips of a bar that a cable bends to a circle, over the circle's: by a cable of two stops 34 % too far."""
     bar = mf.Volume.box((0.03, 0.03, 0.24), mf.Material(5e4, 0.45, 1000), spacing=0.005)

@@ -376,7 +376,7 @@ def test_damaged_files(ending: str, tmp_path: Path) -> None:
         ("shark_2k6_zero_area.ply", 21486.38, "inside out"),
         ("cow_2k9_82si_wt.obj", 53.5674, "overlaps or intersects itself"),
         ("bunny_8k_nonmanifold_dups.ply", None, "not watertight"),
-        ("camelhead_11k_open.off", None, "not watertight"),
+        pytest.param("camelhead_11k_open.off", None, "not watertight", marks=pytest.mark.slow),
     ],
 )
 def test_broken_meshes(name: str, reference: float | None, notice: str) -> None:

@@ -28,6 +28,7 @@ from mjframes.volume.grid import voxel_grid
 VOXEL, ACROSS, ALONG = 0.0125, 8, 40  # [m], [voxels]; one more layer, outside, is held
 LENGTH, AREA = ALONG * VOXEL, (ACROSS * VOXEL) ** 2
 YOUNG, DENSITY = 1e5, 1000.0
+MOONEY = [pytest.param(law, marks=[] if law == "mooney_rivlin" else [pytest.mark.slow]) for law in LAWS]
 
 
 @cache
@@ -114,7 +115,7 @@ def test_what_remains_is_positive_and_the_law_has_most(law: str) -> None:
     assert energies[0] > 4 * energies[1]
 
 
-@pytest.mark.parametrize("law", thinned(product(LAWS), 2))
+@pytest.mark.parametrize("law", MOONEY)
 def test_force_is_the_slope_of_the_energy_and_balanced(law: str) -> None:
     rng = np.random.default_rng(0)
     for region in regions(law):
@@ -141,7 +142,7 @@ def test_rotations_change_neither_energy_nor_force(law: str) -> None:
         np.testing.assert_allclose(region.response(x @ R.T)[0], force @ R.T, atol=1e-8 * np.abs(force).max())
 
 
-@pytest.mark.parametrize("law", thinned(product(LAWS), 2))
+@pytest.mark.parametrize("law", MOONEY)
 def test_stiffness_of_a_step_is_positive_and_at_rest_the_slope_of_the_force(law: str) -> None:
     rng = np.random.default_rng(3)
     for region in regions(law):

@@ -295,7 +295,9 @@ def slab() -> mf.Volume:
     return mf.Volume.from_labels(labels, (0.01, 0.01, 0.005), {1: SOFT, 2: mf.Material(2e5, 0.3, 1100)})
 
 
-@pytest.mark.parametrize(("volume", "weight"), [(hook(), 0.09), (slab(), 0.14)], ids=["hook", "slab"])
+@pytest.mark.parametrize(
+    ("volume", "weight"), [(hook(), 0.09), pytest.param(slab(), 0.14, marks=pytest.mark.slow)], ids=["hook", "slab"]
+)
 def test_the_error_that_is_promised_is_that_of_a_step(volume: mf.Volume, weight: float) -> None:
     """Own weight along each axis, small, in mj_step at rest, against a direct solution with other elements' code."""
     held = np.zeros(volume.labels.shape, bool)
