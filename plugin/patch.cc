@@ -93,22 +93,22 @@ Vec3 Middle(const std::vector<Vec3>& rest, const std::vector<int>& vertices) {
   return middle;
 }
 
-// Those of a cluster, and where these are few also the nearest others that face about the same way: of a ball, four in
-// a row are as good as flat.
-std::vector<int> Around(const DistanceField& field, const std::vector<Vec3>& rest, int begin, int count) {
-  std::vector<int> some(count), others;
-  std::iota(some.begin(), some.end(), begin);
-  if (count >= kRoundVertices) return some;
-  const Vec3 out = MeanNormal(field, some), middle = Middle(rest, some);
+// To those of a cluster that are few, the nearest others that face about the same way, out: four beside each other are
+// as good as flat, also of a ball.
+void AddNeighbours(const DistanceField& field, const std::vector<Vec3>& rest, const Vec3& out, std::vector<int>* some) {
+  const auto count = std::ssize(*some);
+  if (count >= kRoundVertices) return;
+  const Vec3 middle = Middle(rest, *some);
+  std::vector<int> others;
   for (int v = 0; v < static_cast<int>(rest.size()); v++) {
     const Vec3 normal = field.Normal(v);
-    if ((v < begin || v >= begin + count) && Dot(normal, out) > kRoundFacing * Norm(normal)) others.push_back(v);
+    const bool is_own = v >= some->front() && v <= some->back();
+    if (!is_own && Dot(normal, out) > kRoundFacing * Norm(normal)) others.push_back(v);
   }
   const auto nearer = [&](int a, int b) { return Norm(rest[a] - middle) < Norm(rest[b] - middle); };
   const auto more = others.begin() + std::min<ptrdiff_t>(std::ssize(others), 2 * kRoundVertices - count);
   std::partial_sort(others.begin(), more, others.end(), nearer);
-  some.insert(some.end(), others.begin(), more);
-  return some;
+  some->insert(some->end(), others.begin(), more);
 }
 
 // Whether these vertices are on something smooth and convex, such as a ball or the side of a cylinder: near a
@@ -233,11 +233,14 @@ void PatchVolume::SetCover(const ContactModel& contact, const std::vector<Vec3>&
   const DistanceField& field = contact.field;
   for (const int size : contact.patches[number].cluster) {
     if (!contact.has_volume) break;
-    const std::vector<int> around = Around(field, rest, vertex, size);
-    const Vec3 mean = MeanNormal(field, around);
-    const bool flat = Norm(mean) > kFlatSide;
-    facing.push_back(flat ? mean : Vec3{});
-    round.push_back(!flat && IsRounded(rest, around, Mul(ToMat3(field.axes.data()), mean), contact.reach));
+    std::vector<int> some(size);
+    std::iota(some.begin(), some.end(), vertex);
+    const Vec3 mean = MeanNormal(field, some);
+    AddNeighbours(field, rest, mean, &some);
+    const Vec3 out = MeanNormal(field, some);
+    const bool smooth = !(Norm(out) > kFlatSide);
+    round.push_back(smooth && IsRounded(rest, some, Mul(ToMat3(field.axes.data()), out), contact.reach));
+    facing.push_back(Norm(mean) > kFlatSide && !round.back() ? mean : Vec3{});
     vertex += size;
   }
   for (size_t i = 0; i < field.node.size(); i++) {

@@ -105,9 +105,9 @@ class Recording:
 
     @property
     def energy_scale(self) -> float:
-        """The largest kinetic energy or difference of potential energies: what the run is about [J]."""
-        potential = [instant.potential for instant in self.instants]
-        return max(max(instant.kinetic for instant in self.instants), float(np.ptp(potential)))
+        """The largest kinetic energy, or difference of potential ones, or of elastic ones where actuators drive [J]."""
+        stored = [(instant.potential, self.driven * sum(instant.elastic.values())) for instant in self.instants]
+        return max(max(instant.kinetic for instant in self.instants), float(np.ptp(stored, axis=0).max()))
 
     @property
     def farthest(self) -> float:

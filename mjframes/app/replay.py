@@ -66,7 +66,7 @@ def state_at(log: Logged, time: float) -> dict[str, Any]:
     """
     states = log.states()
     first, last, timestep = states[0]["time"], log.end(), float(log.about["timestep"])
-    if not first - timestep <= time <= last + timestep:
+    if not first - timestep <= time <= last + 1.5 * timestep:  # the end of the run's last step, however it is rounded
         raise MjframesError(f"state is asked for at {time:g} s, but {log.path} goes from {first:g} to {last:g} s.")
     nearest = min(states, key=lambda state: abs(state["time"] - time))
     for key in ("qpos", "qvel", "act"):

@@ -68,9 +68,8 @@ def default_counts(most: int) -> list[int]:
 def sufficiency(frames: int, error: BodyError) -> str:
     """Return the sentence on the number of frames that was chosen where none was given."""
     if error.largest <= KEPT:
-        return (
-            f"frames are not given: {frames} are taken, the fewest found with an error of at most {KEPT:.0%}: {error}."
-        )
+        taken = f"{frames} {'is' if frames == 1 else 'are'} taken"
+        return f"frames are not given: {taken}, the fewest found with an error of at most {KEPT:.0%}: {error}."
     return f"frames are not given: of up to {MOST}, {frames} come nearest to an error of {KEPT:.0%}: {error}."
 
 

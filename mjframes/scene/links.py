@@ -96,7 +96,10 @@ def pose(pos: Iterable[float], quat: Iterable[float]) -> Pose:
 def require_pose(pos: Sequence[float] | np.ndarray, quat: Sequence[float] | np.ndarray) -> None:
     """Raise MjframesError for what is no position [m] and quaternion (w, x, y, z) of any length."""
     if np.shape(pos) != (3,) or np.shape(quat) != (4,) or not all(map(is_number, (*pos, *quat))) or not np.any(quat):
-        raise MjframesError(f"pos is {pos!r} and quat is {quat!r}; give three metres and four quaternion components.")
+        raise MjframesError(
+            f"pos is {pos!r} and quat is {quat!r}; "
+            "give three metres and four quaternion components, of which not all are 0."
+        )
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:

@@ -1,7 +1,9 @@
 """Which of MuJoCo's solvers suits how many degrees of freedom, and where its trees of boxes find out nothing.
 
 Newton factors a matrix of all degrees of freedom in every iteration, and contacts of soft bodies fill it: n³
-operations, fast ones where it is dense. Conjugate gradients multiply by it only, in its sparsity.
+operations, fast ones where it is dense. Conjugate gradients multiply by it only, in its sparsity. Under elliptic cones
+they need some forty iterations a step, and with a large `impratio` more than MuJoCo lets them have: then what a gripper
+holds shakes.
 
 Of two bodies with several geoms MuJoCo compares trees of boxes before geoms. What a soft body has may go far, so its
 boxes overlap all that is near. Where rigid bodies with many geoms meet, as links of an arm do, trees pay.
@@ -17,6 +19,7 @@ from mjframes.base.errors import MjframesError
 from mjframes.scene import plugin
 
 FEW = 300  # degrees of freedom up to which dense Newton is faster than sparse conjugate gradients: 1.0 times at 240
+FEW_ELLIPTIC = 600  # up to which it is faster than sparse Newton under elliptic cones: 0.6 times at 490
 MANY = 16  # geoms up to which a body that stands still is faster without trees: by 17 % where a steak lies among them
 MANY_MOVING = 4  # and one that moves: steps with arms of 6 boxes a link took 12 % longer without
 STARTS = 12  # places in a triangle of a flex that MuJoCo looks for its lowest from: more find the same, ever slower
@@ -32,7 +35,7 @@ JOINTS = {  # degrees of freedom of each type
 
 
 def choose_solver(spec: mujoco.MjSpec) -> None:
-    """Set the solver of a spec, and the form of its Jacobians, by its number of degrees of freedom.
+    """Set the solver of a spec, and the form of its Jacobians, by its friction cone and number of degrees of freedom.
 
     It also disables MuJoCo's midphase where this only costs time: without flexes and without bodies of many geoms. With
     flexes, whose contacts with soft bodies MuJoCo looks for from many places, it has it look from fewer. Call it when
@@ -51,7 +54,7 @@ def choose_solver(spec: mujoco.MjSpec) -> None:
     if not isinstance(spec, mujoco.MjSpec):
         raise MjframesError(f"spec is a {type(spec).__name__}; give the scene as an MjSpec, before it is compiled.")
     freedom = sum(JOINTS[mujoco.mjtJoint(joint.type)] for joint in spec.joints)
-    spec.option.solver, spec.option.jacobian = _best(freedom)
+    spec.option.solver, spec.option.jacobian = _best(freedom, spec.option.cone)
     if _has_idle_midphase(len(spec.flexes), _bodies_of(spec)):
         spec.option.disableflags |= MIDPHASE
     fields = [geom for geom in spec.geoms if geom.type == PATCH]
@@ -69,12 +72,15 @@ def avoid_wrong_solver(spec: mujoco.MjSpec, version: str = mujoco.mj_versionStri
 
 def rule() -> str:
     """Return the choice in a line."""
-    return f'Newton, dense, up to {FEW} degrees of freedom of a scene, CG, sparse, beyond; "mjframes run" tells'
+    return (
+        f"Newton, dense, up to {FEW} degrees of freedom of a scene, CG, sparse, beyond; "
+        'Newton under elliptic cones; "mjframes run" tells'
+    )
 
 
 def advice(model: mujoco.MjModel) -> str:
-    """Return the <option> that would make a scene faster, "" where it has all of it."""
-    solver, jacobian = _best(model.nv)
+    """Return the <option> that would suit a scene better, "" where it has all of it."""
+    solver, jacobian = _best(model.nv, model.opt.cone)
     names = {mujoco.mjtSolver.mjSOL_NEWTON: "Newton", mujoco.mjtSolver.mjSOL_CG: "CG"}
     form = "dense" if jacobian == mujoco.mjtJacobian.mjJAC_DENSE else "sparse"
     is_dense = not mujoco.mj_isSparse(model)
@@ -110,7 +116,10 @@ def _has_idle_midphase(flexes: int, bodies: Iterable[tuple[bool, list[int]]]) ->
     return not flexes and most > 1
 
 
-def _best(freedom: int) -> tuple[mujoco.mjtSolver, mujoco.mjtJacobian]:
-    if freedom <= FEW:
+def _best(freedom: int, cone: int) -> tuple[mujoco.mjtSolver, mujoco.mjtJacobian]:
+    is_elliptic = cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    is_wrong = is_elliptic and mujoco.mj_versionString() == WRONG_SPARSE
+    if freedom <= (FEW_ELLIPTIC if is_elliptic else FEW) or is_wrong:
         return mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtJacobian.mjJAC_DENSE
-    return mujoco.mjtSolver.mjSOL_CG, mujoco.mjtJacobian.mjJAC_SPARSE
+    solver = mujoco.mjtSolver.mjSOL_NEWTON if is_elliptic else mujoco.mjtSolver.mjSOL_CG
+    return solver, mujoco.mjtJacobian.mjJAC_SPARSE

@@ -25,7 +25,7 @@ from mjframes.volume.grid import Grid
 from mjframes.whole_body.blocks import blocks_of
 from mjframes.whole_body.cells import Cells, cells
 from mjframes.whole_body.error import BodyError, LoadCases, coordinates, load_cases, measured, reaches
-from mjframes.whole_body.far_bends import far_bends
+from mjframes.whole_body.far_bends import bends, far_bends
 from mjframes.whole_body.modes import Lifting, displaced, lifting
 from mjframes.whole_body.probes import Answers, Probes, answers, probed, probes
 from mjframes.whole_body.pushes import free_surface
@@ -150,10 +150,11 @@ def whole_body(
     if laws:
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
-    linear = some.remainder if some else stiffness.matrix
     firmness = float(grid.young.sum()) * grid.cell_volume
     points = x.reshape(len(control.frame), 3, -1)
-    error = replace(error, bends=far_bends(control, stiffness, linear, covariance, points, finite.reach, firmness))
+    bent = bends(finite.reach, finite.cases.weights, float(grid.density.sum()) * grid.cell_volume)
+    far = far_bends(control, stiffness, covariance, points, finite.reach, bent, firmness)
+    error = replace(error, bends=far)
     shapes = ShapeFunctions(shapes.weights, control, change)
     return Condensed(stiffness, region, shapes, lifted, strained, error, where, some, answered)
 

@@ -13,13 +13,12 @@ What the other coordinates cannot take back costs energy of fourth order, that o
     W = a² W₂ + a⁴ W₄,   W₄ = min over δ of ½ Σ (y² + δ)ᵀ K_i (y² + δ)
 
 So the load moves the body s a as far, s + 2 ρ s³ = 1, ρ = a² W₄/W₂. Each load is one that moves the body by MOVED of
-its length, or strains it by STRAINED if that is less. What the cells of a hyperelastic law miss is not counted.
+its length, own weight as far as it does on earth if that is more, SAGGED at most; or one that strains it by STRAINED if
+that is less. The cells of a hyperelastic law know turns, and miss less than this; how much less is not known.
 Index letters: j control point; p frame; c load case.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,8 @@ from mjframes.kinematics.control import ControlPoints
 Array = NDArray[np.float64]
 
 MOVED = 0.15  # [-] of the body's length: a bar that is held at one end has turned by 13° at the other
+SAGGED = 0.5  # [-] of it: beyond, a bar hangs, and the terms that are left out here count
+GRAVITY = 9.81  # [m/s²]
 STRAINED = 0.05  # [-] root mean square over the energy
 STEPS = 30  # of Newton's method, which needs 5 for ρ up to 100
 
@@ -38,38 +39,48 @@ STEPS = 30  # of Newton's method, which needs 5 for ρ up to 100
 def far_bends(
     control: ControlPoints,
     stiffness: Stiffness,
-    linear: Sequence[Array],
     covariance: Array,
     moved: Array,
     reach: Array,
+    bent: Array,
     firmness: float,
 ) -> float:
     """Return by how much less than it should a body moves under loads that bend it far, in the worst case [-].
 
     stiffness: K_i and ḡ of the regions.  covariance: K⁺ (3k, 3k).
-    linear: (3m, 3m) of each region, what of K_i is not in the cells of a hyperelastic law, which know turns.
     moved: (k, 3, c) how the control points answer to some loads, to first order [m].
-    reach: (c,) how much of its own length the body moves there [-].
+    reach, bent: (c,) how much of its own length the body moves there, and is to move, see `bends` [-].
     firmness: Σ E V [J], to which a strain's energy is compared.
     """
     shape = moved.shape
     gathered = np.zeros((2, 3 * shape[0], shape[2]))
     second, fourth = np.zeros(shape[2]), np.zeros((2, shape[2]))
-    regions = zip(stiffness.points, stiffness.gradient, stiffness.matrix, linear, strict=True)
-    for points, gradient, matrix, part in regions:
+    for points, gradient, matrix in zip(stiffness.points, stiffness.gradient, stiffness.matrix, strict=True):
         rows = (3 * points[:, None] + np.arange(3)).ravel()
         first, *both = _seen(control.rest[points], control.frame[points], gradient, moved[points])
         second += _energy(matrix, first)
         for n, y in enumerate(both):
-            fourth[n] += _energy(part, y)
-            gathered[n][rows] += part @ y.reshape(len(rows), -1)
+            fourth[n] += _energy(matrix, y)
+            gathered[n][rows] += matrix @ y.reshape(len(rows), -1)
     fourth -= 0.5 * np.einsum("nic,ij,njc->nc", gathered, covariance, gathered, optimize=True)
     fourth = np.maximum(fourth, 0)
     loaded = second > 0
     second, (seen, right) = second[loaded], fourth[:, loaded]
     allowed = 0.5 * firmness * STRAINED**2  # = a² W₂ + a⁴ W₄
-    square = np.minimum((MOVED / reach[loaded]) ** 2, 2 * allowed / (second + np.sqrt(second**2 + 4 * right * allowed)))
+    square = np.minimum(
+        (bent[loaded] / reach[loaded]) ** 2, 2 * allowed / (second + np.sqrt(second**2 + 4 * right * allowed))
+    )
     return float(np.max(1 - _reached(square * seen / second) / _reached(square * right / second), initial=0))
+
+
+def bends(reach: Array, weights: int, mass: float) -> Array:
+    """Return (c,) how much of its own length a body of this mass [kg] is to move under loads [-].
+
+    reach: (c,) how much it does under 1 N of each.  weights: how many of them, the first ones, are own weights.
+    """
+    bent = np.full(len(reach), MOVED)
+    bent[:weights] = np.clip(reach[:weights] * mass * GRAVITY, MOVED, SAGGED)
+    return bent
 
 
 def _seen(rest: Array, frame: NDArray[np.int64], gradient: Array, moved: Array) -> tuple[Array, Array, Array]:

@@ -361,6 +361,7 @@ def test_a_state_is_the_nearest_one(tmp_path: Path) -> None:
         assert list(state) == ["time", "qpos", "qvel", "act"]
         for name in state:
             assert np.array_equal(state[name], getattr(expected, name))
+    assert state_at(log, 0.1) == state_at(log, 0.098)  # the end of the run, which is the end of its last step
     with pytest.raises(MjframesError, match=r"state is asked for at 0\.2 s, but .*a\.mcap goes from 0 to 0\.098 s\."):
         state_at(log, 0.2)
 

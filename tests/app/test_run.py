@@ -261,14 +261,14 @@ def test_contact_forces_are_told_body_by_body(tmp_path: Path) -> None:
     assert [f"<!-- {label} -->" in drawn for label in ("on soft0", "on soft1", "between others")] == [True] * 3
 
 
-def told(*energies: tuple[float, float, float]) -> str:
-    """The line on energy of instants with kinetic, potential and elastic energies [J]."""
+def told(*energies: tuple[float, float, float], driven: bool = False) -> str:
+    """The line on energy of instants with kinetic, potential and elastic energies [J].  driven: by actuators."""
     none = {"soft": 0.0}
     instants = [
         Instant(0.0, kinetic, potential, {"soft": elastic}, none, 0, 0.0, 0.0, none, 0.0, 0.0)
         for kinetic, potential, elastic in energies
     ]
-    return summary(Recording(tuple(instants), (), 3, 0.5, 0.002, 20.0)).splitlines()[-1]
+    return summary(Recording(tuple(instants), (), 3, 0.5, 0.002, 20.0, driven=driven)).splitlines()[-1]
 
 
 def test_the_line_on_energy_has_the_elastic_one() -> None:
@@ -287,6 +287,13 @@ def test_the_energy_of_stiff_strains_is_told_apart() -> None:
     assert "4 J less at the end" in text
     assert told((0, 10, 0), (3.5, 7, 5e3), (0, 6, 0)).endswith("above it in between")
     assert told((0, 10, 0), (1e-12, 10, 5e3), (0, 10, 0)) == "energy        nothing moved"
+
+
+def test_what_actuators_bend_moves_elastic_energy() -> None:
+    """A cable that pulled made "2020 %" of what moved: kinetic energy alone was said to."""
+    line = told((0, 0, 0), (0.4, 0, 8), (0, 0, 8.8), driven=True)
+    assert line.startswith("energy        8.8 J moved")
+    assert "8.8 J (100.0%) above it in between; the work of the actuators is in it" in line
 
 
 @pytest.mark.parametrize(("control", "is_told"), [(50.0, True), (0.0, False)])

@@ -61,7 +61,7 @@ def test_held_pieces_have_frames_of_their_own_beside_the_chosen_ones() -> None:
     volume = block(24, 6, 6)
     mask = np.zeros(volume.labels.shape, bool)
     mask[:2] = True
-    with pytest.warns(Notice, match=r"frames are not given: 1 are taken"):
+    with pytest.warns(Notice, match=r"frames are not given: 1 is taken"):
         body = mf.build(volume, supports=mf.Fixed(mask))
     assert (len(body.types), body.held) == (2, 1)
 
@@ -91,7 +91,7 @@ def test_numbers_that_cannot_be_are_left_out(frame_type: str) -> None:
 
 
 def test_a_body_of_one_voxel_has_one_frame() -> None:
-    with pytest.warns(Notice, match="frames are not given: 1 are taken"):
+    with pytest.warns(Notice, match="frames are not given: 1 is taken"):
         assert len(mf.build(block(1, 1, 1)).types) == 1
     assert default_counts(0) == [1]
     assert default_counts(10**6)[-1] == MOST
@@ -101,7 +101,7 @@ def test_a_rigid_body_has_one_frame_and_no_error(recwarn: pytest.WarningsRecorde
     volume = mf.Volume.box(0.04, mf.Material.rigid(density=1000), 0.01)
     body = mf.build(volume)
     (notice,) = [str(some.message) for some in recwarn]
-    assert notice.endswith("1 are taken, the fewest found with an error of at most 15%: none, as no push deforms it.")
+    assert notice.endswith("1 is taken, the fewest found with an error of at most 15%: none, as no push deforms it.")
     assert repr(body).endswith("; error: none, as no push deforms it>")
     assert error_of(body) == error_of(mf.build(volume, error=0.05)) == 0
     assert body.fields.error is not None

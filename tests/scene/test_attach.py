@@ -152,7 +152,7 @@ def test_a_name_that_is_taken_is_refused() -> None:
     [((0, 0), TILTED), ((0, 0, np.nan), TILTED), ((0, 0, 0), (1, 0, 0)), ((0, 0, 0), (0, 0, 0, 0))],
 )
 def test_bad_places_are_refused(pos, quat) -> None:
-    with pytest.raises(MjframesError, match="give three metres and four quaternion components"):
+    with pytest.raises(MjframesError, match="give three metres and four quaternion components, of which not all are 0"):
         attach(mujoco.MjSpec(), lump(), "soft", pos=pos, quat=quat)
 
 

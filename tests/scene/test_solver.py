@@ -9,7 +9,17 @@ from builders.scenes import FLOOR, compiled, lump
 
 from mjframes.scene.attach import attach
 from mjframes.scene.scene_file import standalone_scene
-from mjframes.scene.solver import FEW, MANY, MANY_MOVING, STARTS, advice, avoid_wrong_solver, choose_solver
+from mjframes.scene.solver import (
+    FEW,
+    FEW_ELLIPTIC,
+    MANY,
+    MANY_MOVING,
+    STARTS,
+    WRONG_SPARSE,
+    advice,
+    avoid_wrong_solver,
+    choose_solver,
+)
 
 
 def chain(count: int) -> mujoco.MjSpec:
@@ -33,6 +43,18 @@ def test_the_choice_is_by_degrees_of_freedom(count: int, solver: str, sparse: bo
     assert model.nv == count
     assert model.opt.solver == getattr(mujoco.mjtSolver, f"mjSOL_{solver}")
     assert bool(mujoco.mj_isSparse(model)) == sparse
+    assert advice(model) == ""
+
+
+@pytest.mark.parametrize(("count", "sparse"), [(FEW_ELLIPTIC, False), (FEW_ELLIPTIC + 1, True)])
+def test_elliptic_cones_are_newtons(count: int, sparse: bool) -> None:
+    """With CG and `impratio` 10 a box between two pads of 20 frames shook: 100 iterations were too few."""
+    spec = chain(count)
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    choose_solver(spec)
+    model = spec.compile()
+    assert model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    assert bool(mujoco.mj_isSparse(model)) == (sparse and mujoco.mj_versionString() != WRONG_SPARSE)
     assert advice(model) == ""
 
 
