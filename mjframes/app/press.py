@@ -44,6 +44,7 @@ DURATION = 1.0  # [s] of the press, unless a speed is given
 HOLD = 0.3  # [s] at the end
 ROWS = 100  # of the table
 STIFF = 1.3  # [-] times Hertz's force: what frames that are far apart do
+BENT = 0.2  # [-] of Hertz's force: less is no dent
 NOTHING = 1e-3  # [-] of the largest force: what is left of it where nothing is pressed any more
 NOTABLE = 0.1  # [-] of the force or the depth: what is worth a sentence
 
@@ -74,6 +75,7 @@ class Pressed:
 
     depth: (n,) [m], force: (n,) [N], hertz: (n,) [N], None where there is no such formula.
     held: force when the indenter has stopped for a while [N].  notes: sentences on what to doubt.
+    touched: (3,) where its tip was when it touched the body first, in the world [m].
     """
 
     depth: Array
@@ -81,6 +83,7 @@ class Pressed:
     hertz: Array | None
     held: float
     notes: tuple[str, ...]
+    touched: Array
 
 
 def press(
@@ -199,7 +202,9 @@ class _Press:
             notes += told
         if hertz is not None and mean[-1] > STIFF * hertz[-1]:
             notes.append(f"the contact is stiffer than Hertz says: {self._why_stiff()}.")
-        return Pressed(binned, mean, hertz, held, tuple(notes))
+        if hertz is not None and mean[-1] < BENT * hertz[-1]:
+            notes.append("the contact is far softer than Hertz says: what is pressed bends or moves; give another at.")
+        return Pressed(binned, mean, hertz, held, tuple(notes), tip + travel[first] * self.u)
 
     def _why_stiff(self) -> str:
         if "patch_dent" in self.view.configuration:
@@ -351,7 +356,8 @@ def plot_press(pressed: Pressed, figure: Figure, title: str) -> None:
 
 def summary(pressed: Pressed) -> str:
     """Return the line that `mjframes press` prints."""
-    line = f"{pressed.force[-1]:.3g} N at {1e3 * pressed.depth[-1]:.3g} mm"
+    place = np.round(1e3 * pressed.touched, 1) + 0.0  # no −0
+    line = f"touched at {tuple(place.tolist())} mm; {pressed.force[-1]:.3g} N at {1e3 * pressed.depth[-1]:.3g} mm"
     if pressed.hertz is not None:
         line += f", {pressed.force[-1] / pressed.hertz[-1]:.2f} × Hertz's {pressed.hertz[-1]:.3g} N"
     return line

@@ -55,6 +55,7 @@ def test_a_punch_wider_than_the_body_finds_its_stiffness(tmp_path: Path) -> None
     assert found.held == pytest.approx(found.force[-1], rel=0.03)
     assert found.hertz is None
     assert found.notes == ()
+    assert found.touched == pytest.approx([0, 0, EDGE], abs=5e-4)  # it sags by 0.3 mm
 
 
 def test_from_the_side_it_bends(tmp_path: Path) -> None:
@@ -63,6 +64,20 @@ def test_from_the_side_it_bends(tmp_path: Path) -> None:
     from_above = pressed(tmp_path, "punch", 0.02, 0.002)
     assert found.force[-1] < 0.7 * from_above.force[-1]
     assert any("the far side moved by" in note for note in found.notes)
+
+
+def test_what_a_ball_only_bends_is_told(tmp_path: Path) -> None:
+    """A flap over an edge, as an animal's ear is in the middle above its body: 0.001 of Hertz's force."""
+    volume = mf.Volume.box((0.12, 0.03, 0.006), mf.Material(YOUNG, POISSON, 100), spacing=0.003)
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, 0]
+    body = mf.build(volume, 4, supports=mf.Fixed(volume.side("-x")), damping=(0.0, 0.01))
+    mf.attach(spec, body, "flap")
+    spec.compile()
+    path = tmp_path / "flap.xml"
+    path.write_text(spec.to_xml())
+    found = press(path, Indenter("ball", 0.01), 0.002, at=(0.05, 0, 0))
+    assert any(note.startswith("the contact is far softer than Hertz says") for note in found.notes)
 
 
 @pytest.mark.slow
