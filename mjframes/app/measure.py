@@ -13,13 +13,13 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from mjframes.app.recording import Instant, State
+from mjframes.app.recording import STATE, Instant, State
 from mjframes.scene.view import Soft
 
 
 def state_of(data: mujoco.MjData) -> State:
     """Return a copy of the present state."""
-    return State(data.time, data.qpos.copy(), data.qvel.copy(), data.act.copy())
+    return State(data.time, *(getattr(data, name).copy() for name in STATE))
 
 
 def measure(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 STILL = 1e-6  # [m], [rad] that all has to fall, or a coordinate to go, for an energy that is worth a number
+STATE = ("qpos", "qvel", "act", "ctrl")
 NOTABLE = 1e-3  # [-] of the energy that moved: a smaller gain is not worth a number
 DRIVEN = "; the work of the actuators is in it"
 ELASTIC_ALONE = ", of elastic energy alone: steps that turn very stiff bodies stretch them a little"
@@ -15,12 +16,13 @@ ELASTIC_ALONE = ", of elastic energy alone: steps that turn very stiff bodies st
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The state that a step starts from: time [s], qpos, qvel, act."""
+    """The state that a step starts from: time [s], and STATE as MjData has them."""
 
     time: float
     qpos: np.ndarray
     qvel: np.ndarray
     act: np.ndarray
+    ctrl: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

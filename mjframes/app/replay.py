@@ -10,6 +10,7 @@ import numpy as np
 
 from mjframes.app.log.read import Logged
 from mjframes.app.plot import plot_file
+from mjframes.app.recording import STATE
 from mjframes.app.ticks import Ticks
 from mjframes.app.video import film
 from mjframes.base.errors import MjframesError
@@ -60,7 +61,7 @@ def plot_of(log: Logged, path: str | os.PathLike[str]) -> None:
 
 
 def state_at(log: Logged, time: float) -> dict[str, Any]:
-    """Return the logged state nearest to `time` [s]: its time, qpos, qvel and act, as they were, bit by bit.
+    """Return the logged state nearest to `time` [s]: its time, qpos, qvel, act and ctrl, as they were, bit by bit.
 
     Raise MjframesError for a time beyond the log, and for a state that is not finite.
     """
@@ -69,18 +70,20 @@ def state_at(log: Logged, time: float) -> dict[str, Any]:
     if not first - timestep <= time <= last + 1.5 * timestep:  # the end of the run's last step, however it is rounded
         raise MjframesError(f"state is asked for at {time:g} s, but {log.path} goes from {first:g} to {last:g} s.")
     nearest = min(states, key=lambda state: abs(state["time"] - time))
-    for key in ("qpos", "qvel", "act"):
+    for key in STATE:
         if not np.isfinite(np.array(nearest[key], float)).all():
             raise MjframesError(
                 f"{log.path}: its state at {nearest['time']:g} s has {key} that are not finite; ask for an earlier one."
             )
-    return {key: nearest[key] for key in ("time", "qpos", "qvel", "act")}
+    return {key: nearest[key] for key in ("time", *STATE)}
 
 
 def set_state(model: mujoco.MjModel, data: mujoco.MjData, state: dict[str, Any], path: str) -> None:
     """Put a logged state into a MjData.  Raise MjframesError where the scene has another size."""
-    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na}
+    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu}
     for key, size in sizes.items():
+        if key == "ctrl" and not state[key]:
+            continue
         if len(state[key]) != size:
             raise MjframesError(f"{path}: its states have {len(state[key])} {key}, its scene {size}; it is damaged.")
         getattr(data, key)[:] = np.array(state[key], float)

@@ -35,11 +35,13 @@ from mjframes.app.log.numbers import FIELDS, instants, messages, state_message
 from mjframes.app.log.options import TOPICS, Log
 from mjframes.app.log.read import read_log
 from mjframes.app.measure import measure, state_of
-from mjframes.app.recording import Instant, State
+from mjframes.app.recording import STATE, Instant, State
 from mjframes.app.replay import film_of, plot_of, state_at
 from mjframes.app.run import record
 from mjframes.base.errors import MjframesError
 from mjframes.body.build import build
+from mjframes.frames.supports import Fixed
+from mjframes.scene.attach import attach
 from mjframes.scene.packed import NUMBERS, SCENE, pack, unpack
 from mjframes.scene.scene_file import standalone_scene
 from mjframes.scene.view import soft, soft_names
@@ -307,7 +309,7 @@ def test_numbers_are_kept_bit_by_bit(tmp_path: Path) -> None:
     assert [state.time for state in again.states] == pytest.approx([*(np.arange(12) / 30), 0.398], abs=0.0011)
     for state in again.states:
         before = next(before for before in recording.states if before.time == state.time)
-        for name in ("qpos", "qvel", "act"):
+        for name in STATE:
             assert np.array_equal(getattr(before, name), getattr(state, name))
     assert recording.states[-1].act.size == 1
     sensors = log.messages["/sensors"][-1]
@@ -320,8 +322,7 @@ def test_numbers_are_kept_bit_by_bit(tmp_path: Path) -> None:
 
 def test_any_instant_comes_back_from_its_messages() -> None:
     rng = np.random.default_rng(0)
-    qpos, qvel, act = (np.append(rng.normal(size=size), [5e-324, -0.0, 1e308, 0.1]) for size in (3, 2, 4))
-    state = State(0.3, qpos, qvel, act)
+    state = State(0.3, *(np.append(rng.normal(size=size), [5e-324, -0.0, 1e308, 0.1]) for size in (3, 2, 4, 1)))
     again = json.loads(json.dumps(state_message(state)))
     for name in again:
         assert np.array(again[name]).tobytes() == getattr(state, name).tobytes()
@@ -358,7 +359,7 @@ def test_a_state_is_the_nearest_one(tmp_path: Path) -> None:
     for asked, near in ((0.0611, 0.066), (0.097, 0.098)):
         state = state_at(log, asked)
         expected = next(state for state in recording.states if abs(state.time - near) < 1e-9)
-        assert list(state) == ["time", "qpos", "qvel", "act"]
+        assert list(state) == ["time", "qpos", "qvel", "act", "ctrl"]
         for name in state:
             assert np.array_equal(state[name], getattr(expected, name))
     assert state_at(log, 0.1) == state_at(log, 0.098)  # the end of the run, which is the end of its last step
@@ -387,6 +388,25 @@ def test_a_film_of_a_log_is_that_of_the_run(tmp_path: Path) -> None:
     assert np.abs(one[0].astype(int) - one[-1]).mean() > 1  # the box falls
     assert all(np.array_equal(before, after) for before, after in zip(one, other, strict=True))
     assert "/video" in decoded(tmp_path / "a.mcap")
+
+
+def test_a_film_of_a_log_has_the_dents_that_actuators_press(tmp_path: Path) -> None:
+    """They come from the contacts' forces, which replay found without the controls."""
+    pytest.importorskip("av")
+    volume = Volume.box((0.06, 0.06, 0.02), Material(5e4, 0.45, 1000), spacing=0.005)
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><worldbody><light pos="0 0 1"/><camera name="side" pos="0 -.15 .06" xyaxes="1 0 0 0 .4 1"/>
+        <body name="punch" pos="0 0 .031"><joint name="punch" type="slide" axis="0 0 1" damping="2"/>
+        <geom size=".01" mass=".05" rgba="1 0 0 1"/></body></worldbody>
+        <actuator><motor name="punch" joint="punch"/></actuator></mujoco>"""
+    )
+    attach(spec, build(volume, 2, supports=Fixed(volume.side("-z"))), "pad")
+    model = spec.compile()
+    options = {"fps": 25, "size": (96, 64), "camera": "side"}
+    record(model, 0.3, video=tmp_path / "a.mp4", log=tmp_path / "a.mcap", scene=spec, ctrl={"punch": -2.0}, **options)
+    film_of(read_log(tmp_path / "a.mcap"), tmp_path / "b.mp4", **options)
+    one, other = (list(pictures_of(tmp_path / name)) for name in ("a.mp4", "b.mp4"))
+    assert all(np.array_equal(before, after) for before, after in zip(one, other, strict=True))
 
 
 def pictures_of(path: Path) -> Iterator[np.ndarray]:

@@ -20,10 +20,9 @@ from mjframes.app.log.numbers import NUMBERS, json_schema, nanoseconds_of, senso
 from mjframes.app.log.worlds import WORLD, world_topic
 from mjframes.app.log.write import LIBRARY, METADATA, attach
 from mjframes.app.measure import weight_of
+from mjframes.app.recording import STATE
 from mjframes.base.errors import MjframesError
 from mjframes.scene.packed import unpack
-
-STATE = {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS, "ctrl": NUMBERS}
 
 
 def shard_bytes(
@@ -60,7 +59,9 @@ def _written(model: mujoco.MjModel, files: Mapping[str, bytes], numbers: range, 
     about = {"timestep": model.opt.timestep, "weight": weight_of(model), "mujoco": mujoco.mj_versionString()}
     writer.add_metadata(METADATA, {key: str(value) for key, value in about.items()})
     schemas = {}
-    for topic, fields in ({"state": STATE} | ({"sensors": sensor_fields(model)} if model.nsensor else {})).items():
+    for topic, fields in (
+        {"state": dict.fromkeys(STATE, NUMBERS)} | ({"sensors": sensor_fields(model)} if model.nsensor else {})
+    ).items():
         schema = json_schema(f"world.{topic}", fields)
         schemas[topic] = writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
     for i, number in enumerate(numbers):

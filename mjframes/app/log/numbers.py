@@ -15,11 +15,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjframes.app.recording import Instant, State
+from mjframes.app.recording import STATE, Instant, State
 
 NUMBERS = {"type": "array", "items": {"type": "number"}}
 FIELDS: dict[str, dict[str, Any]] = {
-    "state": {"qpos": NUMBERS, "qvel": NUMBERS, "act": NUMBERS},
+    "state": dict.fromkeys(STATE, NUMBERS),
     "energy": {
         "kinetic": "J",
         "potential": "J, gravity and springs",
@@ -83,7 +83,7 @@ def sensor_fields(model: mujoco.MjModel) -> dict[str, Any]:
 
 def state_message(state: State) -> dict[str, Any]:
     """Return what a state says in its topic."""
-    return {"qpos": state.qpos.tolist(), "qvel": state.qvel.tolist(), "act": state.act.tolist()}
+    return {name: getattr(state, name).tolist() for name in STATE}
 
 
 def _energy(instant: Instant) -> dict[str, dict[str, Any]]:

@@ -18,7 +18,7 @@ import numpy as np
 from mjframes.app.log.numbers import instants, require_message
 from mjframes.app.log.worlds import WORLD, world_of
 from mjframes.app.log.write import LIBRARY, METADATA, attached
-from mjframes.app.recording import Recording, State
+from mjframes.app.recording import STATE, Recording, State
 from mjframes.base.archive import DAMAGED
 from mjframes.base.errors import MjframesError, reason
 
@@ -51,7 +51,7 @@ class Logged:
                 raise MjframesError(f"{self.path}: the log was cut off, and what is left has no states.")
             raise MjframesError(f"{self.path}: the log has no states; log a run with the topic state.")
         for state in found:
-            for key in ("qpos", "qvel", "act"):
+            for key in STATE:
                 count, first = len(state[key]), len(found[0][key])
                 if count != first:
                     raise MjframesError(
@@ -160,6 +160,8 @@ def _message(path: str | os.PathLike[str], topic: str, content: bytes) -> dict[s
     """Return a message of numbers. Raise MjframesError for what is none."""
     try:
         message = json.loads(content)
+        if topic == "/state" and isinstance(message, dict):
+            message.setdefault("ctrl", [])  # logs of version 0.1.0 have none
         require_message(topic, message)
     except (ValueError, RecursionError) as error:
         raise MjframesError(f"{path}: the log is damaged ({error}).") from error
@@ -182,7 +184,7 @@ def _require_facts(path: str | os.PathLike[str], about: Mapping[str, str]) -> No
 
 
 def _state(message: Mapping[str, Any]) -> State:
-    return State(message["time"], *(np.array(message[key], float) for key in ("qpos", "qvel", "act")))
+    return State(message["time"], *(np.array(message[key], float) for key in STATE))
 
 
 def _concerns(name: str, metadata: Mapping[str, str], world: int | None) -> bool:
