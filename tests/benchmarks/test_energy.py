@@ -270,6 +270,13 @@ def test_sides_that_are_nearly_even_do_not_roll(number: int, run_number: int) ->
     assert gain.worst < motions.LIMIT, gain
 
 
+def test_narrow_rims_stay_flat() -> None:
+    # a tray's, of few vertices each, were taken for uneven with what is around them: 1.9 times the energy of the fall
+    seed = drawn_subject(0).seed
+    gain = motions.dropped(drawn_body(0), 5e-3, seed + 2)
+    assert gain.worst < motions.LIMIT, gain
+
+
 @pytest.mark.parametrize(
     "cone", [mujoco.mjtCone.mjCONE_PYRAMIDAL, pytest.param(mujoco.mjtCone.mjCONE_ELLIPTIC, marks=pytest.mark.slow)]
 )
