@@ -127,14 +127,20 @@ bool IsRounded(const std::vector<Vec3>& rest, const std::vector<int>& vertices, 
   return quadric.Curvature(1) > -kLeastRound && most > kLeastRound && most < kMostRound && quadric.Roughness() < kRough;
 }
 
+// The square of how far the nearest other one of some is [m²]; mjMAXVAL without any.
+double NearestSquare(const Vec3& place, const std::vector<Vec3>& others) {
+  double nearest = mjMAXVAL;
+  for (const Vec3& other : others) {
+    if (const Vec3 offset = other - place; Norm(offset) > 0) nearest = std::min(nearest, Dot(offset, offset));
+  }
+  return nearest;
+}
+
 // From each place to the nearest other one of some, root mean square; `alone` where there is no other [m].
 double Spacing(const std::vector<Vec3>& places, const std::vector<Vec3>& others, double alone) {
   double sum = 0;
   for (const Vec3& place : places) {
-    double nearest = mjMAXVAL;
-    for (const Vec3& other : others) {
-      if (const Vec3 offset = other - place; Norm(offset) > 0) nearest = std::min(nearest, Dot(offset, offset));
-    }
+    const double nearest = NearestSquare(place, others);
     sum += nearest < mjMAXVAL ? nearest : alone * alone;
   }
   return std::sqrt(sum / static_cast<double>(places.size()));
@@ -148,7 +154,6 @@ PatchVolume PatchVolume::Create(const mjModel* m, const ContactModel& contact, c
   const size_t k = points.size();
   PatchVolume volume;
   volume.in_rows.assign(k, 0);
-  for (int i = 0; i < number; i++) volume.first_vertex += contact.patches[i].vertices;
   int deepest = -1;  // mover of the geom's body
   for (const ControlPoint& point : points) {
     if (point.body == m->geom_bodyid[contact.patches[number].geom]) deepest = point.mover;
@@ -225,8 +230,8 @@ std::vector<Vec3> RestVertices(const ContactModel& contact, const Kinematics& ki
 }
 
 void PatchVolume::SetCover(const ContactModel& contact, const std::vector<Vec3>& rest, int number) {
-  int vertex = 0;
-  for (int i = 0; i < number; i++) vertex += contact.patches[i].vertices;
+  for (int i = 0; i < number; i++) first_vertex += contact.patches[i].vertices;
+  int vertex = first_vertex;
   const std::vector<Vec3> own(rest.begin() + vertex, rest.begin() + vertex + contact.patches[number].vertices);
   walk = Walk(own, contact.patches[number].cluster);
   spacing = Spacing(own, own, contact.reach);
@@ -254,11 +259,8 @@ void PatchVolume::SetCover(const ContactModel& contact, const std::vector<Vec3>&
   if (solid) return;
   spread = contact.reach;
   for (const Vec3& one : own) {
-    double nearest = mjMAXVAL;
-    for (const Vec3& other : rest) {
-      if (const double far = Norm(one - other); far > 0) nearest = std::min(nearest, far);
-    }
-    spread = std::max(spread, nearest < mjMAXVAL ? nearest : 0);
+    const double nearest = NearestSquare(one, rest);
+    spread = std::max(spread, nearest < mjMAXVAL ? std::sqrt(nearest) : 0);
   }
 }
 

@@ -78,7 +78,7 @@ struct Samples {
     return total > 0 ? std::min(1.0, 2 * round / total) : 0;
   }
 
-  Vec3 middle;
+  Vec3 middle{};
   Sample all[kRoundSamples];
   int count = 0;
 };
@@ -111,10 +111,9 @@ RoundPlace RoundSide(const GeomQuery& query, const Placed& soft, const Vec3& sta
   const double rho = RoundReach(contact);
   Vec3 place = start;
   Samples samples;
-  if (!samples.Gather(query, soft, place, rho)) return {place};
   double curvature = 0, rough = 0;
   for (int i = 0; i < kRoundSteps; i++) {
-    if (!samples.Cover(place, rho) && !samples.Gather(query, soft, place, rho)) return {place};
+    if ((i == 0 || !samples.Cover(place, rho)) && !samples.Gather(query, soft, place, rho)) return {place};
     const double distance = query.Distance(place, &out->normal);
     const Tangents tangent(out->normal);
     Quadric fit = FitAround(samples, place, tangent, rho);

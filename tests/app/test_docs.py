@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from builders.tiers import tiered
 
 import mjframes as mf
 
@@ -49,7 +50,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=[pytest.mark.slow] if page.stem != "README" else []) for page in PAGES if snippets(page)],
+    tiered(filter(snippets, PAGES), lambda page: page.stem != "README"),
     ids=lambda page: page.stem,
 )
 def test_snippets_run_one_after_the_other(page: Path, folder: Path) -> None:

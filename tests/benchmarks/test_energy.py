@@ -15,6 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.tiers import tiered
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.energy import bodies, loops, motions, order, recovery
@@ -228,9 +229,7 @@ def helix(law: str) -> World:
     return world(replace(HELIX, law=law).build())
 
 
-@pytest.mark.parametrize(
-    "law", [pytest.param(law, marks=[] if law == "neo_hookean" else [pytest.mark.slow]) for law in bodies.LAWS]
-)
+@pytest.mark.parametrize("law", tiered(bodies.LAWS, lambda law: law != "neo_hookean"))
 @pytest.mark.parametrize(("timestep", "run_number"), [(2e-3, 501), (5e-3, 500)])
 def test_hyperelastic_parts_that_turn_fast_make_no_energy(law: str, timestep: float, run_number: int) -> None:
     # of neo-Hooke's law 0.24 and 6.4 without corrections
@@ -347,9 +346,7 @@ def test_what_falls_on_the_floor_comes_to_rest() -> None:
     assert recovery.rests(made(), 0) < recovery.STILL
 
 
-@pytest.mark.parametrize(
-    "shape", [pytest.param(shape, marks=[pytest.mark.slow] if shape == "helix" else []) for shape in SHAPES]
-)
+@pytest.mark.parametrize("shape", tiered(SHAPES, lambda shape: shape == "helix"))
 def test_shapes_are_one_piece_of_some_thousand_voxels(shape: str) -> None:
     for seed in range(2):
         inside = drawn(shape, seed)

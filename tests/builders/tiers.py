@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
+
+
+def tiered(cases: Iterable[Any], is_slow: Callable[[Any], bool]) -> list[Any]:
+    """Each case for `parametrize`, a tuple of several arguments, slow where that is said."""
+    return [
+        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=[pytest.mark.slow] if is_slow(case) else [])
+        for case in cases
+    ]
 
 
 def thinned(cases: Iterable[tuple[Any, ...]], step: int) -> list[Any]:

@@ -9,6 +9,7 @@ import pytest
 from builders.linked import MIXED
 from builders.linked import body as bar
 from builders.scenes import distorted, in_space, lump
+from builders.tiers import tiered
 from scipy.spatial.transform import Rotation
 
 from mjframes.elasticity.corotational import FOLDED, CorotationalRegion, closest_rotation, cross_stack
@@ -34,7 +35,7 @@ def regions_of(body: str) -> list[CorotationalRegion]:
 
 
 # MIXED, too, has quadratic frames
-NAMES = [pytest.param(name, marks=[pytest.mark.slow] if name == "quadratic" else []) for name in BODIES]
+NAMES = tiered(BODIES, lambda name: name == "quadratic")
 
 
 @pytest.fixture(params=NAMES)
@@ -88,7 +89,7 @@ def test_energy_is_the_least_over_all_rotations(solids: list[CorotationalRegion]
 
 @pytest.mark.parametrize(
     "solids",
-    [pytest.param(name, marks=[] if name == "lump" else [pytest.mark.slow]) for name in BODIES if name != "point"],
+    tiered((name for name in BODIES if name != "point"), lambda name: name != "lump"),
     indirect=True,
 )
 def test_energy_does_not_jump(solids: list[CorotationalRegion]) -> None:
@@ -139,7 +140,7 @@ def test_stiffness_is_the_hessian_at_rest(regions: list[CorotationalRegion]) -> 
 
 @pytest.mark.parametrize(
     "regions",
-    [pytest.param(name, marks=[pytest.mark.slow] if name in ("quadratic", str(MIXED)) else []) for name in BODIES],
+    tiered(BODIES, lambda name: name in ("quadratic", str(MIXED))),
     indirect=True,
 )
 def test_energy_and_force_turn_with_the_body(regions: list[CorotationalRegion]) -> None:

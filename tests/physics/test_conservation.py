@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from builders.pictures import picture, share
 from builders.scenes import TILTED, compiled, in_space, move_points
+from builders.tiers import tiered
 from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.check import cases
@@ -24,7 +25,7 @@ from mjframes.volume.volume import Volume
 HALF_TURNS = np.pi * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0.8, 0], [0.6, 0, -0.8]])
 ORDERS = {"Euler": 1, "RK4": 4}
 QUICK = ("corotational", "neo_hookean")
-FLOWN = [pytest.param(law, marks=[] if law in QUICK else [pytest.mark.slow]) for law in flight.LAWS]
+FLOWN = tiered(flight.LAWS, lambda law: law not in QUICK)
 
 
 @pytest.mark.parametrize("law", flight.LAWS)

@@ -22,7 +22,7 @@ from builders.scenes import (
     move_points,
 )
 from builders.shapes import mixed
-from builders.tiers import thinned
+from builders.tiers import thinned, tiered
 from scipy.spatial.transform import Rotation
 
 import mjframes as mf
@@ -44,7 +44,7 @@ def body(law: str, method: str) -> SoftBody:
 
 @pytest.mark.parametrize(
     ("law", "method"),
-    [pytest.param(*case, marks=[] if case in QUICK else [pytest.mark.slow]) for case in product(LAWS, METHODS)],
+    tiered(product(LAWS, METHODS), lambda case: case not in QUICK),
 )
 def test_force_and_inertia_are_those_of_the_implicit_step(law: str, method: str) -> None:
     check_implicit_step(*in_space(body(law, method)), np.random.default_rng(0), angle=0.5, rtol=1e-9)

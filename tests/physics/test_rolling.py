@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.stability.states import move_points
 from mjframes.body.build import build
+from mjframes.body.soft_body import SoftBody
 from mjframes.scene.contact import Contact
 from mjframes.scene.placing import place
 from mjframes.scene.view import soft
@@ -17,22 +18,31 @@ from mjframes.volume.material import Material
 from mjframes.volume.volume import Volume
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+LYING = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
 SLOPE = np.radians(10)
 SECONDS = 2.0
 
 
-def rolled(radius: float, spacing: float, young: float, frames: int, timestep: float = 0.002) -> tuple[float, float]:
-    """How far a ball rolls over what a rigid one does [-], and how far its middle comes off that height [radii]."""
-    ball = build(Volume.sphere(radius, Material(young, 0.45, 1000), spacing=spacing), frames)
+def rolled(
+    body: SoftBody,
+    radius: float,
+    inertia: float,
+    quat: tuple[float, ...] = UPRIGHT,
+    timestep: float = 0.002,
+) -> tuple[float, float]:
+    """How far a body rolls over what a rigid one does [-], and how far its middle comes off that height [radii].
+
+    inertia: about the axis on which it rolls, over mass × radius².
+    """
     gravity = 9.81 * np.array([np.sin(SLOPE), 0, -np.cos(SLOPE)])
     scene = f"""<mujoco><option gravity="{gravity[0]} 0 {gravity[2]}"/>
       <worldbody><geom type="plane" size="9 9 .1"/></worldbody></mujoco>"""
-    model, data = compiled(scene, (ball, (0, 0, radius), UPRIGHT), timestep=timestep)
+    model, data = compiled(scene, (body, (0, 0, radius), quat), timestep=timestep)
     root, off = model.body_rootid[-1], 0.0
     while data.time < SECONDS:
         mujoco.mj_step(model, data)
         off = max(off, abs(data.subtree_com[root, 2] - radius) / radius)
-    return data.subtree_com[root, 0] / (5 / 14 * gravity[0] * SECONDS**2), off
+    return data.subtree_com[root, 0] / (0.5 * gravity[0] / (1 + inertia) * SECONDS**2), off
 
 
 @pytest.mark.parametrize(
@@ -49,9 +59,27 @@ def test_a_ball_rolls_down_a_slope_as_a_rigid_one(
     radius: float, spacing: float, young: float, frames: int, timestep: float
 ) -> None:
     """It rolled 0.4 of the way: contacts ahead of its middle braked, as if it were a polyhedron."""
-    way, off = rolled(radius, spacing, young, frames, timestep)
-    assert 0.95 < way < 1.02
+    ball = build(Volume.sphere(radius, Material(young, 0.45, 1000), spacing=spacing), frames)
+    way, off = rolled(ball, radius, 2 / 5, timestep=timestep)
+    assert 0.98 < way < 1.02
     assert off < 0.05
+
+
+@pytest.mark.parametrize(
+    ("radius", "height", "spacing", "frames", "least", "most"),
+    [
+        pytest.param(0.05, 0.1, 0.006, 3, 0.89, 0.95, marks=pytest.mark.slow),
+        (0.05, 0.1, 0.006, 5, 0.89, 0.95),
+        pytest.param(0.03, 0.012, 0.003, 3, 0.65, 0.7, marks=pytest.mark.slow),
+        pytest.param(0.03, 0.012, 0.003, 5, 0.65, 0.7, marks=pytest.mark.slow),
+    ],
+)
+def test_cylinders_and_discs_brake(
+    radius: float, height: float, spacing: float, frames: int, least: float, most: float
+) -> None:
+    """What docs/limits.md says of them."""
+    body = build(Volume.cylinder(radius, height, Material(3e5, 0.45, 1000), spacing=spacing), frames)
+    assert least < rolled(body, radius, 1 / 2, LYING)[0] < most
 
 
 @pytest.mark.parametrize(("friction", "least", "most"), [(0.0001, 100, 205), (0.005, 0, 10)])

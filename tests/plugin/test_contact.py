@@ -22,6 +22,7 @@ from builders.scenes import (
     move_points,
 )
 from builders.solids import HEIGHT_FIELD, MESH, polyhedron_distance, terrain_distance
+from builders.tiers import tiered
 from scipy.optimize import brentq
 
 from mjframes.body.build import build
@@ -120,11 +121,7 @@ OBSTACLES = {
 HEIGHT_FIELDS = mujoco.mj_version() < 4_000_000
 
 
-@pytest.fixture(
-    params=[
-        pytest.param(kind, marks=[pytest.mark.slow] if kind == "height field" else [], id=kind) for kind in OBSTACLES
-    ]
-)
+@pytest.fixture(params=tiered(OBSTACLES, lambda kind: kind == "height field"))
 def obstacle(request: pytest.FixtureRequest) -> Obstacle:
     if request.param == "height field" and not HEIGHT_FIELDS:
         pytest.skip("this MuJoCo gives SDF geoms no contact with height fields")

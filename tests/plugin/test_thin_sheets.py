@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from builders.obstacles import lowest
 from builders.scenes import compiled
+from builders.tiers import tiered
 
 from mjframes.body.build import build
 from mjframes.volume.material import Material
@@ -26,9 +27,7 @@ SHAPES = {
 POSES = 40
 
 
-@pytest.mark.parametrize(
-    "sheet", [pytest.param(sheet, marks=[pytest.mark.slow] if sheet == "of 5 mm" else []) for sheet in SHEETS]
-)
+@pytest.mark.parametrize("sheet", tiered(SHEETS, lambda sheet: sheet == "of 5 mm"))
 def test_they_are_pushed_back_by_whatever_is_in_them(sheet: str) -> None:
     """Corners that were 2 mm deep were pushed out on the other side, and of 5 mm none was felt."""
     extent, spacing = SHEETS[sheet]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders.scenes import distorted, in_space
 from builders.shapes import mixed
-from builders.tiers import thinned
+from builders.tiers import thinned, tiered
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
@@ -28,7 +28,7 @@ from mjframes.volume.grid import voxel_grid
 VOXEL, ACROSS, ALONG = 0.0125, 8, 40  # [m], [voxels]; one more layer, outside, is held
 LENGTH, AREA = ALONG * VOXEL, (ACROSS * VOXEL) ** 2
 YOUNG, DENSITY = 1e5, 1000.0
-MOONEY = [pytest.param(law, marks=[] if law == "mooney_rivlin" else [pytest.mark.slow]) for law in LAWS]
+MOONEY = tiered(LAWS, lambda law: law != "mooney_rivlin")
 
 
 @cache

@@ -16,7 +16,7 @@ import mujoco
 from mjframes.app.collect.options import CollectOptions
 from mjframes.app.collect.plan import engine
 from mjframes.app.collect.worlds import Stepping, Worlds
-from mjframes.app.log.numbers import NUMBERS, json_schema, nanoseconds_of, sensor_fields, sensor_message
+from mjframes.app.log.numbers import FIELDS, json_schema, nanoseconds_of, sensor_fields, sensor_message
 from mjframes.app.log.worlds import WORLD, world_topic
 from mjframes.app.log.write import LIBRARY, METADATA, attach
 from mjframes.app.measure import weight_of
@@ -59,9 +59,8 @@ def _written(model: mujoco.MjModel, files: Mapping[str, bytes], numbers: range, 
     about = {"timestep": model.opt.timestep, "weight": weight_of(model), "mujoco": mujoco.mj_versionString()}
     writer.add_metadata(METADATA, {key: str(value) for key, value in about.items()})
     schemas = {}
-    for topic, fields in (
-        {"state": dict.fromkeys(STATE, NUMBERS)} | ({"sensors": sensor_fields(model)} if model.nsensor else {})
-    ).items():
+    topics = {"state": FIELDS["state"]} | ({"sensors": sensor_fields(model)} if model.nsensor else {})
+    for topic, fields in topics.items():
         schema = json_schema(f"world.{topic}", fields)
         schemas[topic] = writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
     for i, number in enumerate(numbers):
