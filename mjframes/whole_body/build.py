@@ -150,10 +150,11 @@ def whole_body(
     if laws:
         progress("placing the cells")
         some = cells(grid, control, types, held, element, stiffness, region, blocks, laws, len(bones))
+    linear = some.remainder if some else stiffness.matrix
     firmness = float(grid.young.sum()) * grid.cell_volume
     points = x.reshape(len(control.frame), 3, -1)
     bent = bends(finite.reach, finite.cases.weights, float(grid.density.sum()) * grid.cell_volume)
-    far = far_bends(control, stiffness, covariance, points, finite.reach, bent, firmness)
+    far = far_bends(control, stiffness, linear, covariance, points, finite.reach, bent, firmness)
     error = replace(error, bends=far)
     shapes = ShapeFunctions(shapes.weights, control, change)
     return Condensed(stiffness, region, shapes, lifted, strained, error, where, some, answered)

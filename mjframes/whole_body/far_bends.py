@@ -14,11 +14,13 @@ What the other coordinates cannot take back costs energy of fourth order, that o
 
 So the load moves the body s a as far, s + 2 ρ s³ = 1, ρ = a² W₄/W₂. Each load is one that moves the body by MOVED of
 its length, own weight as far as it does on earth if that is more, SAGGED at most; or one that strains it by STRAINED if
-that is less. The cells of a hyperelastic law know turns, and miss less than this; how much less is not known.
+that is less. What the cells of a hyperelastic law miss is not counted.
 Index letters: j control point; p frame; c load case.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +41,7 @@ STEPS = 30  # of Newton's method, which needs 5 for ρ up to 100
 def far_bends(
     control: ControlPoints,
     stiffness: Stiffness,
+    linear: Sequence[Array],
     covariance: Array,
     moved: Array,
     reach: Array,
@@ -48,6 +51,7 @@ def far_bends(
     """Return by how much less than it should a body moves under loads that bend it far, in the worst case [-].
 
     stiffness: K_i and ḡ of the regions.  covariance: K⁺ (3k, 3k).
+    linear: (3m, 3m) of each region, what of K_i is not in the cells of a hyperelastic law, which know turns.
     moved: (k, 3, c) how the control points answer to some loads, to first order [m].
     reach, bent: (c,) how much of its own length the body moves there, and is to move, see `bends` [-].
     firmness: Σ E V [J], to which a strain's energy is compared.
@@ -55,13 +59,14 @@ def far_bends(
     shape = moved.shape
     gathered = np.zeros((2, 3 * shape[0], shape[2]))
     second, fourth = np.zeros(shape[2]), np.zeros((2, shape[2]))
-    for points, gradient, matrix in zip(stiffness.points, stiffness.gradient, stiffness.matrix, strict=True):
+    regions = zip(stiffness.points, stiffness.gradient, stiffness.matrix, linear, strict=True)
+    for points, gradient, matrix, part in regions:
         rows = (3 * points[:, None] + np.arange(3)).ravel()
         first, *both = _seen(control.rest[points], control.frame[points], gradient, moved[points])
         second += _energy(matrix, first)
         for n, y in enumerate(both):
-            fourth[n] += _energy(matrix, y)
-            gathered[n][rows] += matrix @ y.reshape(len(rows), -1)
+            fourth[n] += _energy(part, y)
+            gathered[n][rows] += part @ y.reshape(len(rows), -1)
     fourth -= 0.5 * np.einsum("nic,ij,njc->nc", gathered, covariance, gathered, optimize=True)
     fourth = np.maximum(fourth, 0)
     loaded = second > 0
